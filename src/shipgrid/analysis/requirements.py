@@ -1,0 +1,256 @@
+"""Requirements on a run: was what was asked for met, by what margin, and when was it first missed?
+
+A requirement names a signal, a window of time and one measure of the signal in it:
+
+    band     every value inside [low, high]
+    min      no value below
+    max      no value above
+    abs_max  no magnitude above
+    mean     the time average inside [low, high]
+
+Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from shipgrid.errors import ParameterError
+
+MEASURES = ("band", "min", "max", "abs_max", "mean")
+
+
+class Series(NamedTuple):
+    """A recorded signal.
+
+    Attributes
+    ----------
+    time, value : ndarray, shape (n,)
+        Instants [s] and values.
+    low, high : ndarray, shape (n,), or None
+        Extremes over the interval that ends at each instant.
+    unit : str
+        Unit of the values.
+    """
+
+    time: np.ndarray
+    value: np.ndarray
+    low: np.ndarray | None
+    high: np.ndarray | None
+    unit: str
+
+
+class Recorded(Protocol):
+    """Named series, as a run recorded them."""
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the recorded signals."""
+        ...
+
+    def series(self, name: str) -> Series | None:
+        """Signal `name`, or None if it was not recorded."""
+        ...
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One requirement, in SI.
+
+    Attributes
+    ----------
+    name, signal : str
+        What a person calls it; the public signal.
+    measure : str
+        One of `MEASURES`.
+    low, high : float
+        Limits; infinite where the measure has only one.
+    start, end : float
+        Window [s], both ends included.
+    """
+
+    name: str
+    signal: str
+    measure: str
+    low: float = -math.inf
+    high: float = math.inf
+    start: float = 0.0
+    end: float = math.inf
+
+    @classmethod
+    def from_mapping(cls, entry: Mapping[str, Any]) -> Requirement:
+        """Make one from a scenario file's entry whose quantities are numbers in SI already.
+
+        Parameters
+        ----------
+        entry : mapping
+            `name`, `signal`, one of `MEASURES` (`band` and `mean`: a pair), and perhaps `from` and `until` [s].
+
+        Raises
+        ------
+        ParameterError
+            If it has not exactly one measure, or its limits or window are empty.
+        """
+        label = f"requirement {entry.get('name', '?')!r}"
+        measures = [m for m in MEASURES if m in entry]
+        if len(measures) != 1:
+            raise ParameterError(f"{label} has {measures or 'no measure'}, expected exactly one of {list(MEASURES)}")
+        measure = measures[0]
+        limit = entry[measure]
+        low, high = {
+            "min": lambda: (limit, math.inf),
+            "max": lambda: (-math.inf, limit),
+            "abs_max": lambda: (0.0, limit),
+        }.get(measure, lambda: tuple(limit))()
+        start, end = entry.get("from", 0.0), entry.get("until", math.inf)
+        if not low <= high:
+            raise ParameterError(f"{label}: {measure} = {limit} is empty, expected the lower limit first")
+        if not start < end:
+            raise ParameterError(f"{label}: its window {start} s .. {end} s is empty")
+        return cls(entry["name"], entry["signal"], measure, float(low), float(high), float(start), float(end))
+
+    @property
+    def limits(self) -> list[float | None]:
+        """Lower and upper limit; None where there is none."""
+        low = None if self.measure == "abs_max" else self.low
+        return [x if x is not None and math.isfinite(x) else None for x in (low, self.high)]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of a requirement.
+
+    Attributes
+    ----------
+    name, signal, measure, unit : str
+        Of the requirement, and the unit of the signal.
+    limit : list of float or None
+        Lower and upper limit.
+    window : list of float or None
+        Start and end [s].
+    value : float or None
+        The value that decides: the one nearest to its limit, or furthest beyond it.
+    margin : float or None
+        Distance of `value` to its limit, in the signal's unit; negative if violated.
+    at, first_violation : float or None
+        When `value` occurred, and when the limit was first passed [s]; None for a mean.
+    verdict : str
+        `met`, `violated`, or `not evaluated` where the run did not reach the window or has no such signal.
+    """
+
+    name: str
+    signal: str
+    measure: str
+    unit: str
+    limit: list[float | None]
+    window: list[float | None]
+    value: float | None
+    margin: float | None
+    at: float | None
+    first_violation: float | None
+    verdict: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the requirement was met."""
+        return self.verdict == "met"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for `summary.json`; JSON has no infinity, so a value that is not finite becomes None."""
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(self).items()}
+
+
+def judge(requirement: Requirement, series: Series | None) -> Verdict:
+    """Judge one requirement.
+
+    Parameters
+    ----------
+    requirement : Requirement
+        What is asked, SI.
+    series : Series or None
+        Its signal as recorded; None if it was not.
+
+    Returns
+    -------
+    Verdict
+        With value, margin and times. A value that is not a number violates any requirement. A window that the run
+        reached only in part is judged only if it is violated already; else it is `not evaluated`.
+    """
+    r = requirement
+    window = [r.start, r.end if math.isfinite(r.end) else None]
+
+    def verdict(word: str, value: float | None = None, margin: float | None = None, *when: float | None) -> Verdict:
+        at, first = when or (None, None)
+        unit = "" if series is None else series.unit
+        return Verdict(r.name, r.signal, r.measure, unit, r.limits, window, value, margin, at, first, word)
+
+    if series is None:
+        return verdict("not evaluated")
+    time, low, high = _window(series, r.start, r.end)
+    if len(time) == 0:
+        return verdict("not evaluated")
+    # The last row of a complete window may lie up to one sampling interval before its end.
+    tolerance = float(time[-1] - time[-2]) if len(time) > 1 else 0.0
+    complete = not math.isfinite(r.end) or bool(series.time[-1] >= r.end - tolerance)
+
+    if r.measure == "mean":
+        mean = _time_average(series, r.start, r.end)
+        margin = min(mean - r.low, r.high - mean)
+        if not complete:
+            return verdict("not evaluated", mean, margin)
+        return verdict("met" if margin >= 0.0 else "violated", mean, margin)
+
+    if r.measure == "abs_max":
+        high = np.maximum(np.abs(low), np.abs(high))
+        below, above = np.full(len(high), np.inf), r.high - high
+    else:
+        below, above = low - r.low, r.high - high
+    margins = np.minimum(below, above)
+    margins[np.isnan(margins)] = -np.inf
+    worst = int(np.argmin(margins))
+    value = float(low[worst] if below[worst] < above[worst] else high[worst])
+    at, margin = float(time[worst]), float(margins[worst])
+    if margin < 0.0:
+        first = float(time[np.argmax(margins < 0.0)])
+        return verdict("violated", value, margin, at, first)
+    return verdict("met" if complete else "not evaluated", value, margin, at, None)
+
+
+def evaluate(requirements: Iterable[Requirement], run: Recorded) -> list[Verdict]:
+    """Judge all requirements of a scenario.
+
+    Parameters
+    ----------
+    requirements : iterable of Requirement
+        What is asked.
+    run : Recorded
+        What was recorded; a `Results` is one.
+    """
+    return [judge(r, run.series(r.signal)) for r in requirements]
+
+
+def _window(series: Series, start: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Instants, lows and highs inside the window; an extreme counts only if its whole interval lies inside."""
+    time = series.time
+    inside = (time >= start) & (time <= end)
+    t, low, high = time[inside], series.value[inside], series.value[inside]
+    if series.low is None or series.high is None or len(t) == 0:
+        return t, low, high
+    first = int(np.argmax(inside))
+    begins = time[first - 1 : first + len(t) - 1] if first else np.concatenate([[-np.inf], time[: len(t) - 1]])
+    whole = begins >= start
+    return t, np.where(whole, series.low[inside], low), np.where(whole, series.high[inside], high)
+
+
+def _time_average(series: Series, start: float, end: float) -> float:
+    """Trapezoidal time average over the recorded part of the window."""
+    inside = (series.time >= start) & (series.time <= end)
+    t, value = series.time[inside], series.value[inside].astype(float)
+    if len(t) == 1:
+        return float(value[0])
+    return float(np.trapezoid(value, t) / (t[-1] - t[0]))

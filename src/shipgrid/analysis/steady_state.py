@@ -1,0 +1,202 @@
+"""Where a plant comes to rest: an operating point found with the equations that run it.
+
+There is no second copy of any equation. The plant runs with its commands standing until every sequence has arrived;
+then, in turn, slow continuous states are put where their own derivatives vanish (a Newton step with exact derivatives
+by complex step) and the fast rest follows by running on, until a probe run shows that nothing drifts any more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.errors import SteadyStateError
+from shipgrid.model.component import fields_of
+from shipgrid.model.network import DcBus
+from shipgrid.model.records import make_record, names_of
+
+COMPLEX_STEP = 1e-40
+
+
+def advance(plan: Plan, work: Workspace, seconds: float) -> None:
+    """Run on by some seconds, recording nothing.
+
+    Raises
+    ------
+    SteadyStateError
+        If the run diverges.
+    """
+    entry, values = woven_entry(plan), arguments(plan, work)
+    left = round(seconds / plan.h)
+    while left > 0:
+        n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
+        done = entry(n, work.n, *values)
+        if done < 0:
+            raise SteadyStateError(f"no operating point: the run towards it diverged at {(work.n - done) * plan.h:.4f} s")
+        work.n += n
+        work.step.rows[:] = 0
+        work.step.event_count[0] = 0
+        left -= n
+
+
+def continuous_newton(plan: Plan, work: Workspace) -> None:
+    """Put every continuous state where its component's own derivatives vanish, the inputs as they are."""
+    for t in plan.layout.types:
+        kind = t.kind
+        kernel = kind.kernels.get("derivatives")
+        if kernel is None or kind.terminals or not t.nx:
+            continue
+        free = [
+            k for k, f in enumerate(fields_of(kind.state)) if not (f.signal.rotates or f.signal.counts)
+        ]
+        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+        width = len(t.parameters) // len(t.placed) if len(t.parameters) else 0
+        for i in range(len(t.placed)):
+            place = t.x + i * t.nx
+            x0 = work.sig[place : place + t.nx]
+            u0 = work.sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]
+
+            def rate(x: np.ndarray, i: int = i, u0: np.ndarray = u0) -> np.ndarray:
+                dx = make_record(kind.state, scalar="c16")
+                values = {
+                    "t": 0.0,
+                    "x": make_record(kind.state, dict(zip(names_of(kind.state), x, strict=True)), "c16"),
+                    "u": make_record(kind.input, dict(zip(names_of(kind.input), u0, strict=True)), "c16"),
+                    "dx": dx,
+                    "tables": plan.step.tables,
+                    "delays": work.step.delays,
+                }
+                if width:
+                    from shipgrid.model.records import parameter_dtype
+
+                    flat = t.parameters[i * width : (i + 1) * width].astype("c16")
+                    values["p"] = flat.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0]
+                kernel.py_func(*[values[n] for n in names])
+                return np.frombuffer(dx, dtype="c16").copy()
+
+            x = x0.astype(complex)
+            residual = rate(x).real[free]
+            jacobian = np.empty((len(free), len(free)))
+            for column, k in enumerate(free):
+                stepped = x.copy()
+                stepped[k] += 1j * COMPLEX_STEP
+                jacobian[:, column] = rate(stepped).imag[free] / COMPLEX_STEP
+            move = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
+            if np.all(np.isfinite(move)):
+                x0[free] += move
+
+
+def operating_point(
+    plan: Plan, commands: Mapping[str, float], *, tolerance: float = 2e-4, longest: float = 30.0
+) -> tuple[Workspace, float]:
+    """Bring a plant to rest under standing commands.
+
+    Parameters
+    ----------
+    plan : Plan
+    commands : mapping of str to float
+        Commands, by path, that stand.
+    tolerance : float
+        Largest drift [per second] of any state of a controller or a continuous component, relative to its size (or to 1,
+        if that is larger). The default lets a battery's voltage follow the charge it gives.
+    longest : float
+        Simulated time [s] after which the search gives up.
+
+    Returns
+    -------
+    work : Workspace
+        At rest, its step count and its logs at zero, everything that counts (charge, distance) at its initial value.
+    drift : float
+        The drift that is left.
+
+    Raises
+    ------
+    SteadyStateError
+        If it does not come to rest: names the signal that drifts most.
+    """
+    work = new_workspace(plan)
+    for path, value in commands.items():
+        work.sig[plan.layout.place(f"command:{path}", "start")] = value
+    for bus in plan.network.buses.values():
+        if isinstance(bus, DcBus):
+            work.sig[plan.layout.index[bus.nodes[0]]] = bus.v_n
+    settle_outputs(plan, work)
+    watched = _settling(plan)
+    places = np.array([k for _, k in watched])
+    pattern = _pattern(plan)
+    counting = _counting(plan)
+    started = work.sig[counting].copy()
+
+    worst, name = np.inf, ""
+    advance(plan, work, 2.0)
+    while work.n * plan.h < longest:
+        continuous_newton(plan, work)
+        advance(plan, work, 0.5)
+        work.sig[counting] = started
+        before = work.sig[places].copy()
+        advance(plan, work, pattern)
+        after = work.sig[places]
+        drifts = np.abs(after - before) / np.maximum(np.abs(after), 1.0) / pattern
+        worst_at = int(np.argmax(drifts))
+        worst, name = float(drifts[worst_at]), watched[worst_at][0]
+        if worst < tolerance:
+            break
+    work.sig[counting] = started
+    if not worst < tolerance:
+        raise SteadyStateError(f"no operating point in {longest:g} s: {name} still drifts by {worst:.2g} of itself a second")
+    return fresh(plan, work), worst
+
+
+def _pattern(plan: Plan) -> float:
+    """Time [s] after which sampling instants fall into steps in the same pattern again: probes compare like with like.
+
+    A modulation held over a sampling period while the current turns on leaves a sawtooth in each bridge's power.
+    """
+    dens = [int(d) for i, d in zip(plan.step.clock_inc, plan.step.clock_den, strict=True) if i > 1]
+    steps = math.lcm(*dens) if dens else 1
+    return max(1, round(0.1 / (steps * plan.h))) * steps * plan.h
+
+
+def _settling(plan: Plan) -> list[tuple[str, int]]:
+    """Paths and places of the states that have to come to rest: those of controllers and continuous components.
+
+    Meters are left out (they see the sawtooth), and so are network states, which turn with the grid.
+    """
+    found = []
+    for t in plan.layout.types:
+        if t.kind.terminals or t.kind.stage in ("measure", "modulate", "supervise") or not t.nx:
+            continue
+        for k, f in enumerate(fields_of(t.kind.state)):
+            if not (f.signal.rotates or f.signal.counts):
+                found += [(f"{placed.path}.{f.name}", t.x + i * t.nx + k) for i, placed in enumerate(t.placed)]
+    return found
+
+
+def _counting(plan: Plan) -> np.ndarray:
+    """Places of the states that only count."""
+    found = []
+    for t in plan.layout.types:
+        for k, f in enumerate(fields_of(t.kind.state) if t.nx else []):
+            if f.signal.counts:
+                found += [t.x + i * t.nx + k for i in range(len(t.placed))]
+    return np.array(found, dtype=np.int64)
+
+
+def fresh(plan: Plan, work: Workspace) -> Workspace:
+    """The same state with the clock at zero and empty logs."""
+    work.n = 0
+    step = work.step
+    step.rows[:] = 0
+    step.low_now[:] = np.inf
+    step.high_now[:] = -np.inf
+    step.energy[:] = 0.0
+    step.limiter_time[:] = 0.0
+    step.limiter_was[:] = 0.0
+    step.event_count[0] = 0
+    step.watched_was[:] = work.sig[plan.step.watched]
+    return work

@@ -1,0 +1,139 @@
+"""Who owns which slice of the flat vectors, and which number every name stands for.
+
+The flat vector `sig` holds, in this order: the constants 0 and 1, the commands, the node voltages, and for each
+component type in use the states, inputs and outputs of all its instances.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from shipgrid.errors import TopologyError
+from shipgrid.model.component import ComponentType, fields_of, type_of
+from shipgrid.model.network import Network, Placed
+from shipgrid.model.records import initial_of, names_of, parameter_values, size_of
+
+ZERO, ONE = 0, 1
+
+
+@dataclass
+class TypeLayout:
+    """All instances of one component type, and where their records lie."""
+
+    kind: ComponentType
+    placed: list[Placed]
+    x: int = 0
+    u: int = 0
+    y: int = 0
+    nx: int = 0
+    nu: int = 0
+    ny: int = 0
+    parameters: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass
+class Layout:
+    """The flat vector by name.
+
+    Attributes
+    ----------
+    index : dict of str to int
+        Place of every signal.
+    unit, description : dict of str to str
+        Unit and meaning of every signal.
+    network_signals : set of int
+        Places of node voltages, element states and port quantities: what a sampled controller measures between steps.
+    """
+
+    size: int
+    index: dict[str, int]
+    unit: dict[str, str]
+    description: dict[str, str]
+    initial: np.ndarray
+    types: list[TypeLayout]
+    nodes: list[str]
+    network_signals: set[int]
+    states: set[str]
+    slots: dict[tuple[str, str], int]  # place of a field by kind of record ("x", "u", "y") and path
+    tables: np.ndarray
+
+    def place(self, path: str, asker: str) -> int:
+        """Place of a signal in the flat vector.
+
+        Raises
+        ------
+        TopologyError
+            If there is none of that name; says who asked, and the nearest name.
+        """
+        if path in self.index:
+            return self.index[path]
+        near = difflib.get_close_matches(path, self.index, n=1)
+        raise TopologyError(f"{asker} reads '{path}', which does not exist" + (f" (nearest: '{near[0]}')" if near else ""))
+
+
+def lay_out(network: Network) -> Layout:
+    """Give every signal of a network its place."""
+    index: dict[str, int] = {"": ZERO}
+    unit: dict[str, str] = {}
+    description: dict[str, str] = {}
+    initial: list[float] = [0.0, 1.0]
+    for command, value in network.commands.items():
+        index[f"command:{command}"] = len(initial)
+        initial.append(value)
+    nodes = [node for bus in network.buses.values() for node in bus.nodes]
+    network_signals = set()
+    for node in nodes:
+        index[node] = len(initial)
+        unit[node], description[node] = "V", "node voltage"
+        network_signals.add(len(initial))
+        initial.append(0.0)
+
+    grouped: dict[str, TypeLayout] = {}
+    for placed in network.placed.values():
+        kind = type_of(placed.item)
+        grouped.setdefault(kind.key, TypeLayout(kind, [])).placed.append(placed)
+    types = [grouped[key] for key in sorted(grouped)]
+    states: set[str] = set()
+    slots: dict[tuple[str, str], int] = {}
+    tables: list[np.ndarray] = []
+    for t in types:
+        kind = t.kind
+        t.nx, t.nu, t.ny = size_of(kind.state), size_of(kind.input), size_of(kind.output)
+        for part, record, width in (("x", kind.state, t.nx), ("u", kind.input, t.nu), ("y", kind.output, t.ny)):
+            setattr(t, part, len(initial))
+            if not width:
+                continue
+            names = names_of(record)
+            declared = {f.name: f for f in fields_of(record)}
+            for placed in t.placed:
+                values = initial_of(record)
+                for name, value in placed.initial.items() if part == "x" else ():
+                    if name not in names:
+                        raise TopologyError(f"{placed.path} ({kind.name}) has no state '{name}', it has {names}")
+                    values[names.index(name)] = value
+                for k, name in enumerate(names):
+                    path = f"{placed.path}.{name}"
+                    slots[part, path] = len(initial) + k
+                    if part == "x" and kind.terminals:
+                        network_signals.add(len(initial) + k)
+                    if part == "u" and path in index:
+                        continue  # of signals of one name an output is meant, else a state, else an input
+                    index[path] = len(initial) + k
+                    unit[path] = declared[name].unit
+                    description[path] = declared[name].signal.description
+                    states.discard(path)
+                    if part == "x":
+                        states.add(path)
+                ends = {terminal.v for terminal in kind.terminals} | {terminal.i for terminal in kind.terminals}
+                network_signals.update(len(initial) + k for k, name in enumerate(names) if name in ends)
+                initial.extend(values)
+        rows = [parameter_values(placed.item, tables) for placed in t.placed]
+        t.parameters = np.concatenate(rows) if rows else np.zeros(0)
+    # offsets into `tables` are positions in the concatenation, so the order above is the pool's order
+    pool = np.concatenate(tables) if tables else np.zeros(1)
+    return Layout(
+        len(initial), index, unit, description, np.array(initial), types, nodes, network_signals, states, slots, pool
+    )

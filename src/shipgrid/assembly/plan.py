@@ -1,0 +1,526 @@
+"""From network to plan: everything the machine needs to run a plant, as arrays.
+
+`Plan` never changes during a run; `Workspace` holds everything that does. One plan serves many workspaces.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from shipgrid.assembly.layout import ONE, ZERO, Layout, lay_out
+from shipgrid.errors import ParameterError, TopologyError
+from shipgrid.model.component import fields_of, type_of
+from shipgrid.model.network import AcBus, DcBus, Every, Network, Placed, Sampled
+from shipgrid.model.records import names_of
+from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
+from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
+from shipgrid.solvers.topology import elimination_order, later_neighbours
+
+ABSURD = {DcBus: 3.0, AcBus: 4.0}
+"""A node voltage beyond this multiple of the nominal peak means that the run has diverged: no equipment would stand it."""
+
+BOOKKEEPING_PERIOD = 1e-3
+"""Period [s] of the energy audit, the limiter log and the event log: fine against everything they integrate or time."""
+
+
+class StepPlan(NamedTuple):
+    """What the woven step reads beside the network: clocks, recorder, audit."""
+
+    h: float
+    clock_inc: np.ndarray
+    clock_den: np.ndarray
+    clock_period: np.ndarray
+    kept: np.ndarray  # places of the measured network quantities, remembered for interpolation
+    recorded: np.ndarray  # (signals,) places of the signals of the first group
+    record_every: int
+    slow: np.ndarray
+    slow_every: int
+    audit_every: int
+    shunt_node: np.ndarray
+    shunt_g: np.ndarray
+    n_energy: int
+    limiters: np.ndarray
+    watched: np.ndarray
+    tables: np.ndarray
+
+
+class StepWork(NamedTuple):
+    """What the woven step writes beside the signals."""
+
+    clock_phase: np.ndarray
+    clock_before: np.ndarray  # fraction of the last step at which the clock's instant fell, or -1
+    clock_ahead: np.ndarray  # the same for the coming step
+    previous: np.ndarray  # the flat vector at the last step's start
+    delays: np.ndarray
+    rows: np.ndarray  # (2,) rows filled in each group
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    low_now: np.ndarray
+    high_now: np.ndarray
+    slow_value: np.ndarray
+    energy: np.ndarray
+    limiter_time: np.ndarray  # (limiters, 3): seconds active, first time, times it came on
+    limiter_was: np.ndarray
+    watched_was: np.ndarray
+    event_step: np.ndarray
+    event_which: np.ndarray
+    event_value: np.ndarray
+    event_count: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plant ready to run at one step length.
+
+    Attributes
+    ----------
+    network : Network
+        What it was made from.
+    h : float
+        Step [s].
+    layout : Layout
+        Names of the flat vector.
+    net : NetworkPlan
+    step : StepPlan
+    gathers : dict
+        Per component type: where its instances' inputs come from.
+    clock_of : dict
+        Per component type: each instance's clock.
+    periods : ndarray
+        Period [s] of each clock.
+    energy_items : list of (str, str)
+        Path and ledger (`losses`, `supplied`, `consumed`) of each entry of the energy audit.
+    groups : dict of str to list of str
+        Recorded public signals by group.
+    """
+
+    network: Network
+    h: float
+    layout: Layout
+    net: NetworkPlan
+    step: StepPlan
+    gathers: dict[str, dict[str, np.ndarray]]
+    clock_of: dict[str, np.ndarray]
+    periods: np.ndarray
+    energy_items: list[tuple[str, str]]
+    groups: dict[str, list[str]]
+    limiter_paths: list[str]
+    delay_cells: int
+
+    @property
+    def record_period(self) -> dict[str, float]:
+        """Sampling period [s] of each recorder group."""
+        return {"plant": self.step.record_every * self.h, "slow": self.step.slow_every * self.h}
+
+
+@dataclass
+class Workspace:
+    """One run of a plan: the flat vector and everything else that moves.
+
+    `n` is the number of steps done; time is `n * plan.h`.
+    """
+
+    n: int
+    sig: np.ndarray
+    net: NetworkWork
+    step: StepWork
+
+    def snapshot(self) -> Workspace:
+        """An independent copy."""
+        return copy.deepcopy(self)
+
+
+CHUNK_ROWS = 512
+EVENTS = 4096
+LEDGERS = ("losses", "supplied", "consumed")
+
+
+def assemble(
+    network: Network, step: float = 30e-6, *, record: float = 0.1, record_slow: float = 1.0
+) -> Plan:
+    """Turn a network into a plan.
+
+    Parameters
+    ----------
+    network : Network
+        The plant.
+    step : float
+        Step length [s].
+    record, record_slow : float
+        Sampling periods [s] of the recorder groups `plant` and `slow`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    TopologyError
+        If a name does not exist, an input is left open, or components wait for each other within a step.
+    ParameterError
+        If the step is too long for a sampled controller.
+    """
+    if not (math.isfinite(step) and step > 0.0):
+        raise ParameterError(f"step = {step!r} s is not a positive time")
+    layout = lay_out(network)
+    clocks = _Clocks(step)
+    clock_of, gathers = {}, {}
+    for t in layout.types:
+        # clocks first: a delay line's length depends on them
+        clock_of[t.kind.key] = np.array([clocks.number(p) for p in t.placed], dtype=np.int64)
+    delay_cells = _delay_lines(layout, clocks, clock_of)
+    for t in layout.types:
+        if not t.kind.linear:
+            gathers[t.kind.key] = _gather(layout, t)
+    net = _network_plan(network, layout, step)
+    gathers["network"] = _gather_sources(layout)
+
+    energy_items = [
+        (placed.path, ledger)
+        for t in layout.types
+        for placed in t.placed
+        for ledger in LEDGERS
+        if ledger in t.kind.kernels
+    ]
+    shunts = [(layout.nodes.index(n), g) for n, g in network.conductances.items() if g > 0.0]
+    energy_items += [(f"{layout.nodes[k]}.shunt", "losses") for k, _ in shunts]
+    node_order = [int(np.flatnonzero(net.node_signal == layout.index[layout.nodes[k]])[0]) for k, _ in shunts]
+    limiter_paths = [
+        f"{placed.path}.{f.name}"
+        for t in layout.types
+        for placed in t.placed
+        for f in (fields_of(t.kind.output) if t.ny else [])
+        if f.signal.limiter
+    ]
+    groups: dict[str, list[str]] = {"plant": [], "slow": []}
+    for name, public in network.published.items():
+        layout.place(public.source, f"public signal {name}")
+        groups[public.group].append(name)
+
+    def places(names: list[str]) -> np.ndarray:
+        return np.array([layout.index[network.published[n].source] for n in names], dtype=np.int64)
+
+    plan = StepPlan(
+        h=step,
+        clock_inc=np.array([c[0] for c in clocks.ratios], dtype=np.int64),
+        clock_den=np.array([c[1] for c in clocks.ratios], dtype=np.int64),
+        clock_period=np.array(clocks.periods),
+        kept=np.unique(np.concatenate([g["measured"][:, 1] for g in gathers.values() if "measured" in g] or [[0]])).astype(
+            np.int64
+        ),
+        recorded=places(groups["plant"]),
+        record_every=max(1, round(record / step)),
+        slow=places(groups["slow"]),
+        slow_every=max(1, round(record_slow / step)),
+        audit_every=max(1, round(BOOKKEEPING_PERIOD / step)),
+        shunt_node=np.array([net.node_signal[k] for k in node_order], dtype=np.int64),
+        shunt_g=np.array([g for _, g in shunts]),
+        n_energy=len(energy_items),
+        limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
+        watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),
+        tables=layout.tables,
+    )
+    return Plan(
+        network,
+        step,
+        layout,
+        net,
+        plan,
+        gathers,
+        clock_of,
+        np.array(clocks.periods),
+        energy_items,
+        groups,
+        limiter_paths,
+        delay_cells,
+    )
+
+
+def new_workspace(plan: Plan) -> Workspace:
+    """A workspace at time zero, everything at its declared initial value."""
+    n, groups = plan.net.n_nodes, (len(plan.step.recorded), len(plan.step.slow))
+    states, ports = len(plan.net.state_signal), len(plan.net.port_plus)
+    sig = plan.layout.initial.copy()
+    net = NetworkWork(
+        x_start=np.zeros(states),
+        z=np.zeros(states),
+        W=np.zeros(int(np.sum(plan.net.port_count)) + 1),
+        history=np.zeros(ports),
+        Y=np.zeros((n + 1) * (n + 1)),
+        rhs=np.zeros(n + 1),
+        v=np.zeros(n + 1),
+        v_start=np.zeros(n + 1),
+        v_stage=np.zeros(n + 1),
+        norton=np.zeros((len(plan.net.machine_w), 6)),
+    )
+    step = StepWork(
+        clock_phase=np.zeros(len(plan.periods), dtype=np.int64),
+        clock_before=np.full(len(plan.periods), -1.0),
+        clock_ahead=np.ones(len(plan.periods)),  # an instant at time zero: every controller starts with a sample
+        previous=sig.copy(),
+        delays=np.zeros(max(1, plan.delay_cells)),
+        rows=np.zeros(2, dtype=np.int64),
+        value=np.zeros((CHUNK_ROWS, groups[0])),
+        low=np.zeros((CHUNK_ROWS, groups[0])),
+        high=np.zeros((CHUNK_ROWS, groups[0])),
+        low_now=np.full(groups[0], np.inf),
+        high_now=np.full(groups[0], -np.inf),
+        slow_value=np.zeros((CHUNK_ROWS, groups[1])),
+        energy=np.zeros(plan.step.n_energy),
+        limiter_time=np.zeros((len(plan.step.limiters), 3)),
+        limiter_was=np.zeros(len(plan.step.limiters)),
+        watched_was=sig[plan.step.watched],
+        event_step=np.zeros(EVENTS, dtype=np.int64),
+        event_which=np.zeros(EVENTS, dtype=np.int64),
+        event_value=np.zeros(EVENTS),
+        event_count=np.zeros(1, dtype=np.int64),
+    )
+    return Workspace(0, sig, net, step)
+
+
+class _Clocks:
+    """Clocks as integer arithmetic: each step adds `inc`, an instant falls where the sum passes `den`."""
+
+    def __init__(self, step: float):
+        self.h = step
+        self.ratios: list[tuple[int, int]] = []
+        self.periods: list[float] = []
+
+    def number(self, placed: Placed) -> int:
+        clock = placed.clock
+        if clock is None:
+            inc, den, period = 1, 1, self.h
+        elif isinstance(clock, Every):
+            den = max(1, round(clock.seconds / self.h))
+            inc, period = 1, den * self.h
+        else:
+            assert isinstance(clock, Sampled)
+            ratio = Fraction(repr(clock.hertz)) * Fraction(repr(self.h))
+            if ratio > 1:
+                raise ParameterError(
+                    f"step = {self.h:g} s is too long for {placed.path}, which is sampled at {clock.hertz:g} Hz: "
+                    f"expected at most {1.0 / clock.hertz:g} s"
+                )
+            inc, den, period = ratio.numerator, ratio.denominator, 1.0 / clock.hertz
+        if (inc, den) not in self.ratios:
+            self.ratios.append((inc, den))
+            self.periods.append(period)
+        return self.ratios.index((inc, den))
+
+
+def _delay_lines(layout: Layout, clocks: _Clocks, clock_of: dict[str, np.ndarray]) -> int:
+    """Give each delay line its cells; the derived constant `line` becomes their offset."""
+    cells = 0
+    for t in layout.types:
+        if not hasattr(t.kind.cls, "delay_length"):
+            continue
+        width = len(t.parameters) // len(t.placed)
+        column = width - len(names_of(t.kind.derived)) + names_of(t.kind.derived).index("line")
+        for k, placed in enumerate(t.placed):
+            t.parameters[k * width + column] = cells
+            cells += placed.item.delay_length(clocks.periods[clock_of[t.kind.key][k]])
+    return cells
+
+
+def _source(layout: Layout, placed: Placed, name: str, declared: Any) -> int | float:
+    given = placed.inputs.get(name)
+    path = f"{placed.path}.{name}"
+    if isinstance(given, str):
+        return layout.place(given, path)
+    if given is not None:
+        layout.initial[layout.slots["u", path]] = float(given)
+    elif declared.signal.required:
+        raise TopologyError(f"{path} ({declared.signal.description}) is connected to nothing")
+    return float("nan")
+
+
+def _gather(layout: Layout, t: Any) -> dict[str, np.ndarray]:
+    """Lists of (to, from) for every instance: measured network quantities apart from everything else."""
+    measured: list[tuple[int, int]] = []
+    latest: list[tuple[int, int]] = []
+    m_start, l_start = [0], [0]
+    ends = {terminal.v for terminal in t.kind.terminals}
+    for placed in t.placed:
+        known = set(names_of(t.kind.input)) if t.nu else set()
+        unknown = set(placed.inputs) - known
+        if unknown:
+            raise TopologyError(f"{placed.path} ({t.kind.name}) has no inputs {sorted(unknown)}, it has {sorted(known)}")
+        for declared in fields_of(t.kind.input) if t.nu else []:
+            if declared.name in ends:
+                continue
+            source = _source(layout, placed, declared.name, declared)
+            if isinstance(source, float):
+                continue
+            to = layout.slots["u", f"{placed.path}.{declared.name}"]
+            (measured if source in layout.network_signals else latest).append((to, source))
+        m_start.append(len(measured))
+        l_start.append(len(latest))
+    return {
+        "measured_start": np.array(m_start, dtype=np.int64),
+        "measured": np.array(measured, dtype=np.int64).reshape(-1, 2),
+        "latest_start": np.array(l_start, dtype=np.int64),
+        "latest": np.array(latest, dtype=np.int64).reshape(-1, 2),
+    }
+
+
+def _gather_sources(layout: Layout) -> dict[str, np.ndarray]:
+    pairs = []
+    for t in layout.types:
+        if not t.kind.linear:
+            continue
+        ends = {terminal.v for terminal in t.kind.terminals}
+        for placed in t.placed:
+            unknown = set(placed.inputs) - set(names_of(t.kind.input))
+            if unknown:
+                raise TopologyError(f"{placed.path} ({t.kind.name}) has no inputs {sorted(unknown)}")
+            for declared in fields_of(t.kind.input):
+                if declared.name in ends:
+                    continue
+                source = _source(layout, placed, declared.name, declared)
+                if not isinstance(source, float):
+                    pairs.append((layout.slots["u", f"{placed.path}.{declared.name}"], source))
+    return {"latest": np.array(pairs, dtype=np.int64).reshape(-1, 2)}
+
+
+def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
+    """Arrays of the nodal solver; nodes are renumbered into their order of elimination."""
+    gh = GAMMA * step
+    elements = [(t, k, p) for t in layout.types if t.kind.linear for k, p in enumerate(t.placed)]
+    machines = [(t, k, p) for t in layout.types if t.kind.stamped for k, p in enumerate(t.placed)]
+    names = layout.nodes
+    number = {name: k for k, name in enumerate(names)}
+
+    def nodes_of(placed: Placed) -> list[int]:
+        return sorted(
+            {
+                number[node]
+                for binding in placed.ports.values()
+                for node in (binding.plus, binding.minus)
+                if node is not None
+            }
+        )
+
+    pairs = [(a, b) for _, _, p in elements + machines for a in nodes_of(p) for b in nodes_of(p)]
+    order = elimination_order(len(names), pairs)
+    rank = {old: new for new, old in enumerate(order)}
+    names = [names[k] for k in order]
+    number = {name: k for k, name in enumerate(names)}
+    n = len(names)
+    later, neighbour = later_neighbours(n, [(rank[a], rank[b]) for a, b in pairs])
+
+    states, state_signal, inputs, input_signal, ports = [0], [], [0], [], [0]
+    matrices: list[np.ndarray] = []
+    starts, strides, counts, selectors = [], [], [], []
+    port: dict[str, list[Any]] = {key: [] for key in ("plus", "minus", "c", "v", "i", "w", "first", "count", "factor")}
+    w_next = 0
+    total = 0
+
+    def add_ports(placed: Placed) -> None:
+        nonlocal w_next
+        kind = type_of(placed.item)
+        m, first = len(kind.terminals), len(port["plus"])
+        for r, terminal in enumerate(kind.terminals):
+            binding = placed.ports[terminal.name]
+            port["plus"].append(number[binding.plus] if binding.plus else n)
+            port["minus"].append(number[binding.minus] if binding.minus else n)
+            port["c"].append(layout.place(binding.coefficient, placed.path) if binding.coefficient else ONE)
+            port["v"].append(layout.slots["u", f"{placed.path}.{terminal.v}"])
+            port["i"].append(layout.slots["y", f"{placed.path}.{terminal.i}"])
+            port["w"].append(w_next + r * m)
+            port["first"].append(first)
+            port["count"].append(m)
+            port["factor"].append(binding.weight)
+        w_next += m * m
+
+    for _, _, placed in elements:
+        kind = type_of(placed.item)
+        space = state_space(placed.item)
+        ends = [terminal.v for terminal in kind.terminals]
+        state_signal += [layout.slots["x", f"{placed.path}.{s}"] for s in names_of(kind.state)]
+        input_signal += [layout.slots["u", f"{placed.path}.{u}"] for u in [*ends, *space.sources]]
+        states.append(len(state_signal))
+        inputs.append(len(input_signal))
+        held = [(), *[tuple(names_of(kind.state).index(s) for s in v) for v in kind.variants.values()]]
+        blocks = [np.concatenate([part.ravel() for part in stage_matrices(space, gh, rows)]) for rows in held]
+        starts.append(total)
+        strides.append(len(blocks[0]))
+        counts.append(len(blocks))
+        selectors.append(layout.place(placed.variant, placed.path) if placed.variant else ZERO)
+        matrices += blocks
+        total += sum(len(b) for b in blocks)
+        add_ports(placed)
+        ports.append(len(port["plus"]))
+    machine_w, machine_port = [], []
+    for _, _, placed in machines:
+        machine_w.append(w_next)
+        machine_port.append(len(port["plus"]))
+        add_ports(placed)
+
+    terms, injections = [], []
+    for j in range(len(port["plus"])):
+        for sign_j, node_j in ((1.0, port["plus"][j]), (-1.0, port["minus"][j])):
+            if node_j == n:
+                continue
+            injections.append((j, port["c"][j], node_j, sign_j * port["factor"][j]))
+            for c in range(port["count"][j]):
+                k = port["first"][j] + c
+                for sign_k, node_k in ((1.0, port["plus"][k]), (-1.0, port["minus"][k])):
+                    if node_k == n:
+                        continue
+                    factor = sign_j * sign_k * port["factor"][j]
+                    terms.append((port["w"][j] + c, port["c"][j], port["c"][k], node_j * (n + 1) + node_k, factor))
+
+    def integers(values: Any) -> np.ndarray:
+        return np.array(list(values), dtype=np.int64)
+
+    capacitance = np.array([network.capacitances.get(name, 0.0) for name in names])
+    bus_of = {node: bus for bus in network.buses.values() for node in bus.nodes}
+    peak = {DcBus: 1.0, AcBus: math.sqrt(2.0 / 3.0)}
+    limit = np.array([ABSURD[type(bus_of[m])] * bus_of[m].v_n * peak[type(bus_of[m])] for m in names])
+    return NetworkPlan(
+        gh=gh,
+        n_nodes=n,
+        node_signal=integers(layout.index[name] for name in names),
+        node_c_gh=capacitance / gh,
+        node_g=np.array([network.conductances.get(name, 0.0) for name in names]),
+        node_limit=limit,
+        n_linear=len(elements),
+        states=integers(states),
+        state_signal=integers(state_signal),
+        inputs=integers(inputs),
+        input_signal=integers(input_signal),
+        ports=integers(ports),
+        matrices=np.concatenate(matrices) if matrices else np.zeros(1),
+        matrix_start=integers(starts),
+        matrix_stride=integers(strides),
+        n_variants=integers(counts),
+        variant_signal=integers(selectors),
+        port_plus=integers(port["plus"]),
+        port_minus=integers(port["minus"]),
+        port_c=integers(port["c"]),
+        port_v=integers(port["v"]),
+        port_i=integers(port["i"]),
+        port_w=integers(port["w"]),
+        port_first=integers(port["first"]),
+        port_count=integers(port["count"]),
+        term_w=integers(t[0] for t in terms),
+        term_cj=integers(t[1] for t in terms),
+        term_ck=integers(t[2] for t in terms),
+        term_y=integers(t[3] for t in terms),
+        term_factor=np.array([t[4] for t in terms]),
+        inject_port=integers(t[0] for t in injections),
+        inject_c=integers(t[1] for t in injections),
+        inject_node=integers(t[2] for t in injections),
+        inject_factor=np.array([t[3] for t in injections]),
+        later=later,
+        neighbour=neighbour,
+        machine_w=integers(machine_w),
+        machine_port=integers(machine_port),
+    )

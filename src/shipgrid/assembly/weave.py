@@ -1,0 +1,453 @@
+"""Writes the plain Python module that calls each kernel in turn, and loads it.
+
+The module depends on the set of component types in use and on nothing else: sizes, parameters and connections are
+contents of arrays, so that editing a ship file recompiles nothing. Its name carries a hash of every source that can
+change what it computes; only its entry point is kept on disk (docs/decisions/0002-woven-module.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+import shipgrid
+from shipgrid.assembly.layout import TypeLayout
+from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace
+from shipgrid.errors import TopologyError
+from shipgrid.model.component import STAGES
+from shipgrid.model.network import Delayed
+from shipgrid.model.records import parameter_dtype, record_dtype
+from shipgrid.solvers import bookkeeping, nodal
+from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
+
+HASHED = ("model", "components", "controllers", "modulators", "equipment", "automation", "solvers", "assembly")
+"""Folders whose sources can change what a woven module computes."""
+
+
+def cache_folder() -> Path:
+    """The user's cache folder for woven modules and their compiled code (`SHIPGRID_CACHE` overrides it)."""
+    if "SHIPGRID_CACHE" in os.environ:
+        return Path(os.environ["SHIPGRID_CACHE"])
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "shipgrid"
+
+
+def source_hash(types: list[TypeLayout]) -> str:
+    """Hash of every source, and every version, that the woven module's results depend on."""
+    digest = hashlib.sha256()
+    root = Path(shipgrid.__file__).parent
+    files = [path for folder in HASHED for path in sorted((root / folder).rglob("*.py"))]
+    files += [Path(inspect.getfile(t.kind.cls)) for t in types]
+    for path in files:
+        digest.update(str(path).encode())
+        digest.update(path.read_bytes())
+    for word in (sys.version, numba.__version__, np.__version__, *(t.kind.key for t in types)):
+        digest.update(word.encode())
+    return digest.hexdigest()[:16]
+
+
+def woven_entry(plan: Plan) -> Callable[..., int]:
+    """The compiled `run(n_steps, first_step, ...)` of a plan's set of component types."""
+    types = plan.layout.types
+    name = f"woven_{source_hash(types)}"
+    if name in sys.modules:
+        return sys.modules[name].run
+    text = weave(plan)
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.py"
+        if not path.exists() or path.read_text() != text:
+            with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as part:
+                part.write(text)
+            os.replace(part.name, path)
+    except OSError:  # no cache folder to write to: compile for this process only
+        path = Path(tempfile.mkdtemp()) / f"{name}.py"
+        path.write_text(text)
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module.run
+
+
+def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
+    """What the entry point takes after the step numbers: plan, workspace, and each type's views of the flat vector.
+
+    Each array is an argument of its own: passing tuples of arrays on to every function multiplies the compile time.
+    """
+    values: list[Any] = [work.sig, plan.gathers["network"]["latest"]]
+    values += [*plan.net, *work.net, *plan.step, *work.step]
+    for t in plan.layout.types:
+        values += [value for _, value in _views(plan, work, t)]
+    return tuple(values)
+
+
+def _views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
+    """Names and values of one type's arguments."""
+    kind, count, key = t.kind, len(t.placed), t.kind.key
+    found: list[tuple[str, Any]] = []
+
+    def view(name: str, flat: np.ndarray, record: Any) -> None:
+        found.append((f"{key}_{name}", flat.view(record)))
+
+    if t.nx:
+        view("x", work.sig[t.x : t.x + count * t.nx], record_dtype(kind.state))
+        flat = work.sig[t.x : t.x + count * t.nx].reshape(count, t.nx)
+        found.append((f"{key}_xf", flat))
+        for name in ("a", "b", "c"):  # scratch copies of the states: start of step, stage, rates
+            scratch = np.zeros((count, t.nx))
+            found.append((f"{key}_{name}f", scratch))
+            view(name, scratch.ravel(), record_dtype(kind.state))
+    if t.nu:
+        view("u", work.sig[t.u : t.u + count * t.nu], record_dtype(kind.input))
+    if t.ny:
+        view("y", work.sig[t.y : t.y + count * t.ny], record_dtype(kind.output))
+    if len(t.parameters):
+        view("p", t.parameters, parameter_dtype(kind.cls))
+    if kind.stamped:
+        first = _first_machine(plan, t)
+        block = work.net.norton[first : first + count].ravel()
+        view("n", block, NORTON)
+    found.append((f"{key}_clock", plan.clock_of[key]))
+    found.append((f"{key}_weight", np.array([p.axis_weight for p in t.placed])))
+    if not kind.linear:
+        for name, value in plan.gathers[key].items():
+            found.append((f"{key}_{name}", value))
+    return found
+
+
+NORTON = np.dtype((np.record, [(name, "f8") for name in ("g_aa", "g_ab", "g_ba", "g_bb", "h_a", "h_b")]))
+
+
+def _first_machine(plan: Plan, t: TypeLayout) -> int:
+    before = 0
+    for other in plan.layout.types:
+        if other is t:
+            return before
+        before += len(other.placed) if other.kind.stamped else 0
+    raise AssertionError
+
+
+def weave(plan: Plan) -> str:
+    """Text of the woven module for a plan's set of component types."""
+    types = plan.layout.types
+    imports: dict[tuple[str, str], str] = {}
+
+    def imported(kernel: Any, label: str) -> str:
+        function = getattr(kernel, "py_func", kernel)
+        return imports.setdefault((function.__module__, function.__name__), label)
+
+    functions: list[str] = []
+    calls: list[str] = []
+    known = [*SHARED, *(name for t in types for name in _names(t))]
+    ordered = _order(plan)
+
+    def function(name: str, body: list[str]) -> str:
+        """Add one function of the module: small ones that take what they use compile fastest. Returns its call."""
+        used = set(re.findall(r"[A-Za-z_]\w*", "\n".join(body)))
+        passed = ", ".join(name for name in known if name in used)
+        functions.extend(["", "", "@kernel", f"def {name}({passed}):", *(f"    {line}" for line in body)])
+        return f"{name}({passed})"
+
+    for stage in STAGES:
+        if stage == "network":
+            calls += _network(types, imported, function)
+        else:
+            members = [t for t in ordered if t.kind.stage == stage]
+            calls += [function(f"{stage}_{t.kind.key}", _call(t, imported)) for t in members]
+    books = function("keep_books", _audit(types, imported))
+    lines = [
+        '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
+        "from shipgrid.model.kernel import entry_point, kernel",
+        "from shipgrid.solvers import nodal, bookkeeping",
+        *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
+        *functions,
+        "",
+        "",
+        "@entry_point",
+        "def run(n_steps, first_step,",
+        *(f"        {name}," for name in known if name != "t"),
+        "        ):",
+        "    for k in range(n_steps):",
+        "        done = first_step + k + 1",
+        "        t = (done - 1) * h",
+        f"        {_shared(bookkeeping.tick_clocks)}",
+        *(f"        {line}" for line in calls),
+        f"        if {_shared(bookkeeping.record)}:",
+        f"            {books}",
+        f"            {_shared(bookkeeping.audit)}",
+        "        if bad >= 0:",
+        "            return -(k + 1)",
+        "    return n_steps",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+SHARED = (
+    "t",
+    "sig",
+    "sources",
+    *NetworkPlan._fields,
+    *NetworkWork._fields,
+    *StepPlan._fields,
+    *StepWork._fields,
+)
+"""Names that every function of a woven module may use."""
+
+
+def _shared(kernel: Any) -> str:
+    """Call of a solver kernel: its arguments are named after the fields they are."""
+    function = getattr(kernel, "py_func", kernel)
+    names = inspect.signature(function).parameters
+    unknown = set(names) - {*SHARED, "done"}
+    if unknown:
+        raise TypeError(f"{function.__name__} asks for unknown arguments {sorted(unknown)}")
+    return f"{function.__module__.rsplit('.', 1)[-1]}.{function.__name__}({', '.join(names)})"
+
+
+def _names(t: TypeLayout) -> list[str]:
+    key, kind = t.kind.key, t.kind
+    found = []
+    if t.nx:
+        found += [f"{key}_{n}" for n in ("x", "xf", "af", "a", "bf", "b", "cf", "c")]
+    found += [f"{key}_u"] if t.nu else []
+    found += [f"{key}_y"] if t.ny else []
+    found += [f"{key}_p"] if len(t.parameters) else []
+    found += [f"{key}_n"] if kind.stamped else []
+    found += [f"{key}_clock", f"{key}_weight"]
+    if not kind.linear:
+        found += [f"{key}_{n}" for n in ("measured_start", "measured", "latest_start", "latest")]
+    return found
+
+
+def _pass(kernel: Any, key: str, **values: str) -> str:
+    function = getattr(kernel, "py_func", kernel)
+    code = function.__code__
+    given = {
+        "t": "t",
+        "tables": "tables",
+        "delays": "delays",
+        "x": f"{key}_x[i]",
+        "u": f"{key}_u[i]",
+        "y": f"{key}_y[i]",
+        "p": f"{key}_p[i]",
+        "n": f"{key}_n[i]",
+        "gh": "gh",
+    } | values
+    names = code.co_varnames[: code.co_argcount]
+    missing = [name for name in names if name not in given]
+    if missing:
+        raise TypeError(f"kernel {function.__module__}.{function.__name__} asks for unknown arguments {missing}")
+    return ", ".join(given[name] for name in names)
+
+
+def _gather_lines(key: str, at: str) -> list[str]:
+    return [
+        f"for j in range({key}_latest_start[i], {key}_latest_start[i + 1]):",
+        f"    sig[{key}_latest[j, 0]] = sig[{key}_latest[j, 1]]",
+        f"for j in range({key}_measured_start[i], {key}_measured_start[i + 1]):",
+        *(
+            [f"    sig[{key}_measured[j, 0]] = sig[{key}_measured[j, 1]]"]
+            if at == "now"
+            else [
+                f"    b = previous[{key}_measured[j, 1]]",
+                f"    sig[{key}_measured[j, 0]] = b + f * (sig[{key}_measured[j, 1]] - b)",
+            ]
+        ),
+    ]
+
+
+def _copy(key: str, to: str, origin: str) -> list[str]:
+    return [f"for j in range({key}_xf.shape[1]):", f"    {key}_{to}f[i, j] = {key}_{origin}f[i, j]"]
+
+
+def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
+    """Lines that run all instances of one signal component."""
+    kind, key = t.kind, t.kind.key
+    kernels = kind.kernels
+    lines = [f"for i in range({key}_clock.shape[0]):"]
+    inner: list[str] = []
+    if "modulate" in kernels:
+        name = imported(kernels["modulate"], f"{key}_modulate")
+        inner = [*_gather_lines(key, "now"), f"{name}({_pass(kernels['modulate'], key, fraction='clock_ahead[c]')})"]
+        return lines + [f"    {line}" for line in [f"c = {key}_clock[i]", *inner]]
+    sampled = "update" in kernels
+    period = "clock_period[c]"
+    inner += _gather_lines(key, "sampled" if sampled else "now")
+    if sampled:
+        name = imported(kernels["update"], f"{key}_update")
+        inner += _copy(key, "a", "x") if t.nx else []
+        inner.append(f"{name}({_pass(kernels['update'], key, dt=period, x_next=f'{key}_a[i]')})")
+        inner += _copy(key, "x", "a") if t.nx else []
+    if "derivatives" in kernels:
+        name = imported(kernels["derivatives"], f"{key}_derivatives")
+        first = _pass(kernels["derivatives"], key, dx=f"{key}_b[i]")
+        second = _pass(kernels["derivatives"], key, x=f"{key}_a[i]", dx=f"{key}_c[i]", t="t + h")
+        inner += [
+            f"dt = {period}",
+            f"{name}({first})",
+            f"for j in range({key}_xf.shape[1]):",
+            f"    {key}_af[i, j] = {key}_xf[i, j] + dt * {key}_bf[i, j]",
+            f"{name}({second})",
+            f"for j in range({key}_xf.shape[1]):",
+            f"    {key}_xf[i, j] += 0.5 * dt * ({key}_bf[i, j] + {key}_cf[i, j])",
+        ]
+        if "limit" in kernels:
+            name = imported(kernels["limit"], f"{key}_limit")
+            inner.append(f"{name}({_pass(kernels['limit'], key)})")
+    if "outputs" in kernels:
+        name = imported(kernels["outputs"], f"{key}_outputs")
+        inner.append(f"{name}({_pass(kernels['outputs'], key)})")
+    guarded = [f"c = {key}_clock[i]", "f = clock_before[c]", "if f >= 0.0:", *(f"    {x}" for x in inner)]
+    return lines + [f"    {line}" for line in guarded]
+
+
+def _network(
+    types: list[TypeLayout], imported: Callable[[Any, str], str], function: Callable[[str, list[str]], str]
+) -> list[str]:
+    """Calls of the network stage; the machines' part of it is made with `function`."""
+    machines = [t for t in types if t.kind.stamped]
+
+    def machine_function(name: str, body_of: Callable[[TypeLayout], list[str]]) -> list[str]:
+        return [
+            function(
+                f"{name}_{t.kind.key}",
+                [f"for i in range({t.kind.key}_clock.shape[0]):", *(f"    {line}" for line in body_of(t))],
+            )
+            for t in machines
+        ]
+
+    def begin(t: TypeLayout) -> list[str]:
+        return [*_gather_lines(t.kind.key, "now"), *_copy(t.kind.key, "a", "x")]
+
+    def stamp(t: TypeLayout) -> list[str]:
+        name = imported(t.kind.kernels["stamp"], f"{t.kind.key}_stamp")
+        return [f"{name}({_pass(t.kind.kernels['stamp'], t.kind.key, x=f'{t.kind.key}_b[i]')})"]
+
+    def first(t: TypeLayout) -> list[str]:
+        return [*_copy(t.kind.key, "b", "x"), *stamp(t)]
+
+    def second(t: TypeLayout) -> list[str]:
+        key = t.kind.key
+        start = f"{key}_bf[i, j] = {key}_af[i, j] + nodal.KAPPA * ({key}_xf[i, j] - {key}_af[i, j])"
+        return [f"for j in range({key}_xf.shape[1]):", f"    {start}", *stamp(t)]
+
+    def advance(t: TypeLayout) -> list[str]:
+        key = t.kind.key
+        name = imported(t.kind.kernels["advance"], f"{key}_advance")
+        return [f"{name}({_pass(t.kind.kernels['advance'], key, x=f'{key}_b[i]', x_next=f'{key}_x[i]')})"]
+
+    def finish(t: TypeLayout) -> list[str]:
+        lines = []
+        for ending in ("limit", "outputs"):
+            if ending in t.kind.kernels:
+                name = imported(t.kind.kernels[ending], f"{t.kind.key}_{ending}")
+                lines.append(f"{name}({_pass(t.kind.kernels[ending], t.kind.key)})")
+        return lines or ["pass"]
+
+    advances = machine_function("advance", advance)
+    history, copied, solved, advanced = (
+        _shared(nodal.element_history),
+        _shared(nodal.machine_history),
+        _shared(nodal.solve),
+        _shared(nodal.element_advance),
+    )
+    return [
+        _shared(bookkeeping.remember),
+        _shared(nodal.begin_step),
+        *machine_function("begin", begin),
+        *[history, *machine_function("first_stamp", first), copied, solved, advanced, *advances],
+        _shared(nodal.second_stage),
+        *[history, *machine_function("second_stamp", second), copied, solved, advanced, *advances],
+        *machine_function("finish", finish),
+        f"bad = {_shared(nodal.finish_step)}",
+    ]
+
+
+def _audit(types: list[TypeLayout], imported: Callable[[Any, str], str]) -> list[str]:
+    """Lines that add each component's powers to its ledgers, in the order of `Plan.energy_items`."""
+    lines = ["e = 0"]
+    for t in types:
+        key = t.kind.key
+        ledgers = [ledger for ledger in LEDGERS if ledger in t.kind.kernels]
+        if not ledgers:
+            continue
+        lines.append(f"for i in range({key}_clock.shape[0]):")
+        for ledger in ledgers:
+            name = imported(t.kind.kernels[ledger], f"{key}_{ledger}")
+            lines.append(
+                f"    energy[e] += audit_every * h * {key}_weight[i]"
+                f" * {name}({_pass(t.kind.kernels[ledger], key)})"
+            )
+            lines.append("    e += 1")
+    return lines
+
+
+def _order(plan: Plan) -> list[TypeLayout]:
+    """Types in an order in which each runs after those of its own stage whose outputs it reads."""
+    owner = {placed.path: t.kind.key for t in plan.layout.types for placed in t.placed}
+    by_key = {t.kind.key: t for t in plan.layout.types}
+    needs: dict[str, set[str]] = {key: set() for key in by_key}
+    for t in plan.layout.types:
+        for placed in t.placed:
+            for source in placed.inputs.values():
+                if not isinstance(source, str) or isinstance(source, Delayed) or source in plan.layout.states:
+                    continue
+                parts = source.split(".")
+                key = next(
+                    (owner[".".join(parts[:k])] for k in range(len(parts) - 1, 0, -1) if ".".join(parts[:k]) in owner),
+                    None,
+                )
+                if key and key != t.kind.key and by_key[key].kind.stage == t.kind.stage:
+                    needs[t.kind.key].add(key)
+    done: list[str] = []
+    left = sorted(needs)
+    while left:
+        ready = [key for key in left if needs[key] <= set(done)]
+        if not ready:
+            loop = ", ".join(by_key[key].kind.name for key in left)
+            raise TopologyError(
+                f"{plan.network.name}: within one step these wait for each other: {loop}; "
+                "one of them has to read a state, run in another stage, or read a `Delayed` signal"
+            )
+        done += ready
+        left = [key for key in left if key not in ready]
+    return [by_key[key] for key in done]
+
+
+def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
+    """Energy [J] stored in each component and bus capacitance at this instant."""
+    found = {}
+    for t in plan.layout.types:
+        kernel = t.kind.kernels.get("stored_energy")
+        if kernel is None:
+            continue
+        views = dict(_views(plan, work, t))
+        key = t.kind.key
+        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+        for i, placed in enumerate(t.placed):
+            values = {n: (plan.step.tables if n == "tables" else views[f"{key}_{n}"][i]) for n in names}
+            found[placed.path] = placed.axis_weight * float(kernel.py_func(**values))
+    for node, farad in plan.network.capacitances.items():
+        weight = 1.5 if node.endswith(("v_alpha", "v_beta")) else 1.0
+        found[f"{node.rsplit('.', 1)[0]}.capacitance"] = (
+            found.get(f"{node.rsplit('.', 1)[0]}.capacitance", 0.0)
+            + 0.5 * weight * farad * float(work.sig[plan.layout.index[node]]) ** 2
+        )
+    return found
+
+

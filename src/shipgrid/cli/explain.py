@@ -1,0 +1,80 @@
+"""What `shipgrid explain` says: what the assembler makes of a ship, and how stiff it is against the step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import typer
+
+from shipgrid.cli.listing import table
+from shipgrid.model.component import STAGES, type_of
+from shipgrid.model.network import AcBus, Every, Network, Sampled
+from shipgrid.solvers.companion import state_space
+
+
+def explain_ship(ship: Any, step: float) -> None:
+    """Print buses, network elements, stages and time constants of a ship at a step [s]."""
+    network = Network(ship.name)
+    ship.build(network)
+    _buses(network)
+    _elements(network, step)
+    _stages(network, step)
+    types = {type_of(placed.item).name for placed in network.placed.values()}
+    typer.echo(
+        f"{ship.name}: {len(network.placed)} components of {len(types)} types, "
+        f"{sum(len(bus.nodes) for bus in network.buses.values())} nodes, {len(network.commands)} commands, "
+        f"{len(network.published)} public signals"
+    )
+
+
+def _buses(network: Network) -> None:
+    rows = []
+    for name, bus in network.buses.items():
+        farad, siemens = (values.get(bus.nodes[0], 0.0) for values in (network.capacitances, network.conductances))
+        kind = f"ac {bus.f_n:g} Hz" if isinstance(bus, AcBus) else "dc"
+        at = [p.path for p in network.placed.values() if any(_touches(binding, bus) for binding in p.ports.values())]
+        shunt = f"{1.0 / siemens:g} ohm" if siemens else "none"
+        rows.append((name, kind, f"{bus.v_n:g} V", f"{1e3 * farad:g} mF", shunt, ", ".join(at)))
+    table("Buses", ("bus", "kind", "nominal", "capacitance, all merged", "shunt", "elements"), rows)
+
+
+def _touches(binding: Any, bus: Any) -> bool:
+    return binding.plus in bus.nodes or binding.minus in bus.nodes
+
+
+def _elements(network: Network, step: float) -> None:
+    rows = []
+    for placed in network.placed.values():
+        kind = type_of(placed.item)
+        if not kind.terminals:
+            continue
+        if kind.stamped:
+            rows.append((placed.path, kind.name, "own stamp", "", ""))
+            continue
+        a = state_space(placed.item).A
+        roots = np.linalg.eigvals(a) if a.size else np.zeros(0)
+        fastest = float(np.max(np.abs(roots))) if len(roots) and np.max(np.abs(roots)) > 0.0 else 0.0
+        constant = f"{1e6 / fastest:.3g} us" if fastest else ""
+        ratio = f"{step * fastest:.3g}" if fastest else ""
+        rows.append((placed.path, kind.name, f"{len(a)} states", constant, ratio))
+    heads = ("element", "type", "solved as", "shortest time constant, terminals shorted", f"{1e6 * step:g} us over it")
+    table("Network elements", heads, rows)
+
+
+def _stages(network: Network, step: float) -> None:
+    rows = []
+    for stage in STAGES:
+        for placed in network.placed.values():
+            kind = type_of(placed.item)
+            if not kind.terminals and kind.stage == stage:
+                rows.append((stage, placed.path, kind.name, _clock(placed.clock, step)))
+    table("Stages of a step", ("stage", "component", "type", "runs"), rows)
+
+
+def _clock(clock: Any, step: float) -> str:
+    if isinstance(clock, Sampled):
+        return f"at {clock.hertz:g} Hz exactly, every {1.0 / (clock.hertz * step):.3f} steps"
+    if isinstance(clock, Every):
+        return f"every {round(clock.seconds / step)} steps"
+    return "every step"

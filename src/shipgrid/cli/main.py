@@ -1,0 +1,412 @@
+"""The command `shipgrid`: what a person types, what is said back, and the exit status.
+
+Everything heavy is imported inside the command that needs it, so that `--help` and `check` answer at once.
+Exit status: 0 done; 1 a requirement is violated; 2 bad input; 3 the simulation failed; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NoReturn
+
+import typer
+
+VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
+LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
+FIDELITIES = ("averaged", "switching")
+
+app = typer.Typer(
+    name="shipgrid",
+    help="Electromagnetic-transient simulation of shipboard DC microgrids.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+ScenarioArgument = Annotated[str, typer.Argument(help="A bundled scenario by name, or a .yaml file.")]
+ShipOption = Annotated[str, typer.Option(help="A bundled ship by name, or a .yaml file.", metavar="NAME|FILE")]
+FidelityOption = Annotated[str, typer.Option(help="Detail of the converters.", metavar="averaged|switching")]
+StepOption = Annotated[str | None, typer.Option(help="Step, such as 30us.", show_default="the scenario's, or 30us")]
+UntilOption = Annotated[str | None, typer.Option(help="Stop at this time, such as 600s.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Change one value of either file, by its path in the YAML.", metavar="PATH=VALUE"),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the results, replaced whole.", show_default="results/<scenario>-<fidelity>"),
+]
+WaveformsOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Record phase quantities at every step of a window.", metavar="FROM:TO"),
+]
+
+
+@app.command()
+def run(
+    scenario: ScenarioArgument = "mission",
+    ship: ShipOption = "ferry",
+    fidelity: FidelityOption = "averaged",
+    step: StepOption = None,
+    until: UntilOption = None,
+    set_: SetOption = None,
+    out: OutOption = None,
+    waveforms: WaveformsOption = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+) -> None:
+    """Run a scenario offline, as fast as it goes."""
+    with _errors_as_exit_status():
+        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
+        if resume:
+            _refuse("--resume: this version cannot continue an interrupted run yet; its results so far are kept")
+        results = _simulate(case, out, report=not no_report)
+        _say_results(results)
+        if results.summary.get("interrupted"):
+            raise typer.Exit(INTERRUPTED)
+        if not results.ok:
+            raise typer.Exit(VIOLATED)
+
+
+@app.command()
+def live(
+    scenario: ScenarioArgument = "mission",
+    ship: ShipOption = "ferry",
+    fidelity: FidelityOption = "averaged",
+    step: StepOption = None,
+    until: UntilOption = None,
+    set_: SetOption = None,
+    out: OutOption = None,
+    waveforms: WaveformsOption = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    cores: Annotated[str | None, typer.Option(help="Cores to run on, such as 0,1.")] = None,
+    factor: Annotated[float, typer.Option(help="Simulated over wall-clock time.")] = 1.0,
+    console: Annotated[str | None, typer.Option(help="Serve the operator console.", metavar="HOST:PORT")] = None,
+    modbus: Annotated[str | None, typer.Option(help="Serve Modbus TCP.", metavar="HOST:PORT")] = None,
+    udp: Annotated[str | None, typer.Option(help="Send and receive UDP.", metavar="HOST:PORT")] = None,
+) -> None:
+    """Run a scenario paced to the wall clock (not in this version)."""
+    _refuse("live: this version has no real-time execution yet; `shipgrid run` runs the same scenario offline")
+
+
+@app.command()
+def check(files: Annotated[list[Path], typer.Argument(help="Ship and scenario files.")]) -> None:
+    """Validate files: every error at once, as file:line: path: what is wrong, what is expected.
+
+    Scenarios are checked for the ships given with them, or for the ferry.
+    """
+    with _errors_as_exit_status():
+        from shipgrid.errors import InputErrors
+        from shipgrid.io.scenario_file import read_scenario
+        from shipgrid.io.ship_file import open_document, read_ship
+        from shipgrid.io.yaml_lines import read_document
+
+        documents = [read_document(path) for path in files]
+        scenarios = [document for document in documents if "scenario" in document.root]
+        ships = [read_ship(document) for document in documents if document not in scenarios]
+        problems = [line for reading in ships for line in reading.problems.lines()]
+        for scenario in scenarios:
+            for reading in ships or [read_ship(open_document("ship", "ferry"))]:
+                problems += read_scenario(scenario, reading.catalogue).problems.lines()
+        if problems:
+            raise InputErrors(list(dict.fromkeys(problems)))
+        typer.echo(f"{len(files)} file{'s' if len(files) > 1 else ''} checked, no mistakes found")
+
+
+@app.command()
+def explain(ship: ShipOption = "ferry", step: StepOption = None) -> None:
+    """Show what the assembler makes of a ship: buses, islands, stages, stiffest time constants against the step."""
+    with _errors_as_exit_status():
+        from shipgrid.cli.explain import explain_ship
+        from shipgrid.io.ship_file import load_ship
+
+        seconds = _quantity("--step", step, "s")
+        explain_ship(load_ship(ship), seconds or 30e-6)
+
+
+@app.command("list")
+def list_(
+    what: Annotated[str | None, typer.Argument(help="What to list.", metavar=f"[{'|'.join(LISTS)}]")] = None,
+) -> None:
+    """List ships, scenarios, equipment, components, signals or commands."""
+    with _errors_as_exit_status():
+        from shipgrid.cli import listing
+
+        if what is not None and what not in LISTS:
+            _refuse(f"list: nothing to list of the name '{what}'{_nearest(what, LISTS)}, expected {', '.join(LISTS)}")
+        for name in (what,) if what else ("ships", "scenarios"):
+            getattr(listing, name)()
+        if what is None:
+            typer.echo(f"More: shipgrid list {'|'.join(LISTS[2:])}")
+
+
+@app.command()
+def plot(
+    results: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    signals: Annotated[list[str], typer.Argument(help="Signals, such as dc_for.v_dc.", metavar="SIGNAL...")],
+    from_: Annotated[str | None, typer.Option("--from", help="Begin here, such as 170s.")] = None,
+    to: Annotated[str | None, typer.Option(help="End here, such as 200s.")] = None,
+    out: Annotated[Path, typer.Option(help="Picture to write: .png, .svg or .pdf.")] = Path("plot.png"),
+) -> None:
+    """Plot signals of a run, those of one unit in one panel."""
+    with _errors_as_exit_status():
+        start, end = _quantity("--from", from_, "s"), _quantity("--to", to, "s")
+        try:
+            from shipgrid.cli.plotting import plot_signals
+        except ModuleNotFoundError as missing:
+            _refuse(f"plot: {missing.name} is not installed, expected `pip install 'shipgrid[plot]'`")
+        from shipgrid.scenarios.results import open_results
+
+        with open_results(results) as opened:
+            plot_signals(opened, signals, start, end, out)
+        typer.echo(f"{out} written")
+
+
+@app.command()
+def compare(
+    first: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RESULTS")],
+    second: Annotated[Path, typer.Argument(help="Folder of another.", metavar="RESULTS")],
+) -> None:
+    """Compare two runs signal by signal: largest and mean difference."""
+    with _errors_as_exit_status():
+        from shipgrid.analysis.compare import compare as compare_runs
+        from shipgrid.cli import listing
+        from shipgrid.scenarios.results import open_results
+
+        with open_results(first) as a, open_results(second) as b:
+            comparison = compare_runs(a, b)
+        rows = [
+            (d.signal, d.unit, f"{d.largest:.4g}", f"{d.at:.2f}", f"{d.mean:.4g}", f"{d.relative:.2e}")
+            for d in comparison.differences
+        ]
+        heads = ("signal", "unit", "largest difference", "at, s", "mean difference", "largest, relative")
+        listing.table(f"{second} minus {first}", heads, rows)
+        for folder, only in ((first, comparison.only_first), (second, comparison.only_second)):
+            if only:
+                typer.echo(f"only in {folder}: {', '.join(only)}")
+
+
+@app.command()
+def warm() -> None:
+    """Compile the kernels of the bundled ship into the user's cache, so that no run waits for the compiler."""
+    with _errors_as_exit_status():
+        from shipgrid.cli.bench import warm_up
+
+        typer.echo(f"kernels ready in {warm_up():.1f} s")
+
+
+@app.command()
+def bench(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure start-up, compile and step times of the bundled case."""
+    with _errors_as_exit_status():
+        from shipgrid.cli import listing
+        from shipgrid.cli.bench import measure
+
+        figures = measure()
+        if as_json:
+            typer.echo(json.dumps(figures, indent=2))
+        else:
+            rows = [
+                (name, f"{value:.4g}" if isinstance(value, float) else str(value)) for name, value in figures.items()
+            ]
+            listing.table("bench", ("figure", "value"), rows)
+
+
+class Case:
+    """What one run is asked for, checked."""
+
+    def __init__(self, ship: Any, scenario: Any, options: dict[str, Any]):
+        self.ship = ship
+        self.scenario = scenario
+        self.options = options
+
+
+def _case(
+    scenario: str,
+    ship: str,
+    fidelity: str,
+    step: str | None,
+    until: str | None,
+    changes: list[str],
+    waveforms: list[str],
+) -> Case:
+    """Read files and options; every mistake of all of them in one go."""
+    from shipgrid.errors import InputErrors
+    from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, load_case, step_range
+
+    problems: list[str] = []
+
+    def seconds(option: str, text: str | None) -> float | None:
+        try:
+            return _quantity(option, text, "s")
+        except InputErrors as wrong:
+            problems.extend(wrong.problems)
+        return None
+
+    if fidelity not in FIDELITIES:
+        problems.append(f"--fidelity: no fidelity '{fidelity}'{_nearest(fidelity, FIDELITIES)}, expected averaged")
+    elif fidelity == "switching":
+        problems.append("--fidelity: this version has no switching fidelity yet, expected averaged")
+    step_s, until_s = seconds("--step", step), seconds("--until", until)
+    if step_s is not None and not SHORTEST_STEP <= step_s <= LONGEST_STEP:
+        problems.append(f"--step: {step} is out of range, expected {step_range()}")
+    if until_s is not None and until_s <= 0.0:
+        problems.append(f"--until: {until} is not after the start, expected a time after 0 s")
+    for text in waveforms:
+        _check_window(text, problems)
+    if waveforms:
+        problems.append("--waveforms: this version records no phase quantities yet, expected a run without")
+    overrides = []
+    for text in changes:
+        path, equals, value = text.partition("=")
+        if not equals or not path.strip():
+            problems.append(f"--set {text}: is not PATH=VALUE, such as equipment.bess_for.capacity='160 Ah'")
+        else:
+            overrides.append((path.strip(), value.strip()))
+    try:
+        loaded_ship, loaded_scenario = load_case(ship, scenario, overrides)
+    except InputErrors as wrong:
+        raise InputErrors([*problems, *wrong.problems]) from None
+    if until_s is not None and until_s > loaded_scenario.duration:
+        end = f"{loaded_scenario.duration:g} s"
+        problems.append(f"--until: {until} is after the scenario's end, expected at most {end} (or --set duration)")
+    if problems:
+        raise InputErrors(problems)
+    options: dict[str, Any] = {"fidelity": fidelity, "step": step_s, "until": until_s, "overrides": dict(overrides)}
+    return Case(loaded_ship, loaded_scenario, options)
+
+
+def _check_window(text: str, problems: list[str]) -> None:
+    from shipgrid.errors import ParameterError
+    from shipgrid.io.quantities import parse_quantity
+
+    try:
+        start, end = (parse_quantity(part, "s") for part in text.split(":", 1))
+        if not 0.0 <= start < end:
+            problems.append(f"--waveforms: {text} ends before it begins or begins before 0 s, expected FROM:TO")
+    except (ParameterError, ValueError) as wrong:
+        what = wrong if isinstance(wrong, ParameterError) else f"'{text}' is not a window"
+        problems.append(f"--waveforms: {what}, expected FROM:TO, such as 170s:170.2s")
+
+
+def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
+    """Say what will be done, then do it behind a progress bar."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from shipgrid.scenarios import runner
+
+    console = Console(stderr=True)
+    scenario, options = case.scenario, case.options
+    end = options["until"] or scenario.duration
+    step = options["step"] or scenario.step or runner.DEFAULT_STEP
+    console.print(
+        f"[bold]{scenario.name}[/] of {case.ship.name}: {end:g} s in {round(end / step):,} steps of {step * 1e6:g} us, "
+        f"{options['fidelity']}; {len(scenario.events)} commands, {len(scenario.requirements)} requirements",
+        soft_wrap=True,
+    )
+    columns = (
+        BarColumn(),
+        TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
+        TextColumn("{task.fields[speed]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("run", total=end, speed="starting")
+
+        def progress(now: float, total: float) -> None:
+            elapsed = bar.tasks[0].elapsed or 0.0
+            speed = f"{now / elapsed:.1f} x real time" if elapsed > 0.0 else ""
+            bar.update(task, completed=now, total=total, speed=speed)
+
+        return runner.simulate(case.ship, scenario, out=out, report=report, progress=progress, **options)
+
+
+def _say_results(results: Any) -> None:
+    from shipgrid.cli import listing
+
+    summary = results.summary
+    rows = []
+    for verdict in results.requirements:
+        value = "" if verdict.value is None else f"{verdict.value:.5g} {verdict.unit}"
+        rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict))
+    if rows:
+        listing.table("requirements", ("name", "signal", "limit", "value", "verdict"), rows)
+    typer.echo(
+        f"{summary.get('simulated_s', 0.0):g} s in {summary.get('wall_s', 0.0):.1f} s "
+        f"({summary.get('us_per_step', 0.0):.2f} us a step); "
+        f"energy balance {100.0 * summary.get('energy_balance_error', 0.0):.3f} %; {results.folder}"
+    )
+    if summary.get("interrupted"):
+        typer.echo("interrupted: the results so far are kept", err=True)
+
+
+def _limits(verdict: Any) -> str:
+    low, high = verdict.limit
+    if low is None:
+        return f"{verdict.measure} <= {high:.5g} {verdict.unit}"
+    if high is None:
+        return f"{verdict.measure} >= {low:.5g} {verdict.unit}"
+    return f"{verdict.measure} {low:.5g} .. {high:.5g} {verdict.unit}"
+
+
+def _quantity(option: str, text: str | None, unit: str) -> float | None:
+    if text is None:
+        return None
+    from shipgrid.errors import InputErrors, ParameterError
+    from shipgrid.io.quantities import parse_quantity
+
+    try:
+        return parse_quantity(text, unit)
+    except ParameterError as wrong:
+        raise InputErrors([f"{option}: {wrong}"]) from None
+
+
+def _nearest(word: str, valid: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(word, valid, n=1, cutoff=0.5)
+    return f" (nearest: '{near[0]}')" if near else ""
+
+
+def _refuse(what: str) -> NoReturn:
+    typer.echo(what, err=True)
+    raise typer.Exit(BAD_INPUT)
+
+
+@contextmanager
+def _errors_as_exit_status() -> Iterator[None]:
+    """Turn the error family into messages on the error stream and the exit status of its kind."""
+    from shipgrid.errors import InputErrors, ParameterError, ShipgridError, TopologyError
+
+    try:
+        yield
+    except InputErrors as wrong:
+        for line in wrong.problems:
+            typer.echo(line, err=True)
+        raise typer.Exit(BAD_INPUT) from None
+    except (ParameterError, TopologyError) as wrong:
+        typer.echo(str(wrong), err=True)
+        raise typer.Exit(BAD_INPUT) from None
+    except ShipgridError as wrong:
+        typer.echo(f"the simulation failed: {wrong}", err=True)
+        raise typer.Exit(FAILED) from None
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        # `shipgrid list signals | head` is no mistake.
+        sys.stderr.close()
+        raise typer.Exit(0) from None
+
+
+main: Callable[[], None] = app
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""Voltmeter and frequency meter of an AC bar, sampled.
+
+    v_pu = |v_alpha + j v_beta| / v_b,   v_b = sqrt(2/3) v_n                   (1)
+    f   <- low-pass of  f_n + (theta - theta_before - 2 pi f_n dt) / (2 pi dt)   (2)
+
+The angle's advance is taken against that of the nominal frequency, so that it may be sampled slower than the bar
+turns. A bar below `v_dead` has no frequency: it reads 0 Hz.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.ops import arctan2, hypot, wrap
+from shipgrid.units import Hertz, PerUnit, Radian, RadianPerSecond, Ratio, Volt
+
+
+class State:
+    """State of the meter."""
+
+    theta: Radian = signal("angle of the voltage at the last instant", rotates=True)
+    slip: Hertz = signal("frequency above nominal, through the low-pass")
+    live: Ratio = signal("1: the bar was live at the last instant")
+
+
+class Input:
+    """Input of the meter."""
+
+    v_alpha: Volt = signal("bar voltage, alpha axis")
+    v_beta: Volt = signal("bar voltage, beta axis")
+
+
+class Output:
+    """Output of the meter."""
+
+    v_pu: PerUnit = signal("length of the voltage vector")
+    f: Hertz = signal("frequency, 0 on a dead bar")
+
+
+class Derived:
+    """Base."""
+
+    v_b: Volt = signal("base voltage, peak of a phase")
+
+
+def derive(p: BarMeter) -> dict[str, float]:
+    """Base voltage."""
+    return {"v_b": math.sqrt(2.0 / 3.0) * p.v_n}
+
+
+@kernel
+def update(t, dt, x: State, u: Input, p: BarMeter, x_next: State, y: Output):
+    y.v_pu = hypot(u.v_alpha, u.v_beta) / p.v_b  # (1)
+    if y.v_pu.real < p.v_dead.real:
+        x_next.slip = 0.0
+        x_next.live = 0.0
+        y.f = 0.0
+        return
+    theta = arctan2(u.v_beta, u.v_alpha)
+    x_next.theta = theta
+    x_next.live = 1.0
+    if x.live.real > 0.5:
+        advance = wrap(theta - x.theta - 2.0 * np.pi * p.f_n * dt)
+        x_next.slip = x.slip + (1.0 - np.exp(-p.omega_c * dt)) * (advance / (2.0 * np.pi * dt) - x.slip)  # (2)
+    y.f = p.f_n + x_next.slip
+
+
+@component(state=State, input=Input, output=Output, derived=Derived, derive=derive, update=update, stage="measure")
+class BarMeter:
+    """Voltage and frequency of an AC bar."""
+
+    v_n: Volt = param("nominal voltage, line to line, rms", default=400.0, above=0.0, source="[DAgostino2020] table A1")
+    f_n: Hertz = param("nominal frequency", default=60.0, above=0.0, source="[DAgostino2020] table A1")
+    omega_c: RadianPerSecond = param(
+        "low-pass of the frequency", default=2.0 * math.pi * 10.0, above=0.0, source="three periods, as of a transducer"
+    )
+    v_dead: PerUnit = param("below this the bar counts as dead", default=0.05, above=0.0, source="dead-bus rule, 5 %")

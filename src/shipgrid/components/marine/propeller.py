@@ -1,0 +1,223 @@
+"""Fixed-pitch screw of the Wageningen B-series, in all four quadrants.
+
+    beta = arctan2(v_a, 0.7 pi n D)                                               (1)
+    q = 1/2 rho (v_a^2 + (0.7 pi n D)^2) (pi/4) D^2                               (2)
+    thrust = q CT*(beta),   tau = q D CQ*(beta) / eta_r                           (3)
+    J_adv = v_a / (n D),   CT* = KT 8 / (pi (J_adv^2 + (0.7 pi)^2))               (4)
+
+with n = omega_m / 2 pi in revolutions per second. CT* and CQ* are one smooth periodic table, made once:
+
+- from J_adv = 0 to the zero of KT, n > 0: the open-water polynomials [Oosterveld1975] by (4);
+- elsewhere: the Fourier series of the tested propeller [Roddy2006] nearest in Z, then A_E/A_0, then P/D. For the
+  ferry's B5-75 with P/D 0.9 that is B5-75 with P/D 1.0, *unscaled*: no table of P/D 0.9 exists. Its thrust at beta =
+  -10 degrees and past the zero of KT lies within 0.02 .. 0.04 (CT*) of the polynomials continued; how well it does at
+  crash-stop angles is unknown;
+- the two blend over 10 degrees beyond each end of the polynomials, by a fifth-order step (value, slope and curvature
+  meet).
+
+`ends` 0, mirrored: each screw is described in the axes of travel, CT*(beta + pi) = -CT*(beta), so that thrust and
+torque turn round with omega_m and v_a together. The table is made so by blending the tested curve into its mirror
+over 10 degrees either side of beta = +-90 degrees, where omega_m changes sign. `ends` 1 is the screw in its own axes
+facing astern, -1 facing ahead (thrust and torque still positive ahead): the bow screw of a double-ended ferry whose
+screws both face outwards.
+
+The reaction of hull and flow is `u_thrust` = (1 - t_f) u_ship, the speed at which thrust does work on the ship: what
+the shaft gives and the ship does not get is lost in the water. Reynolds number of the tests (2e6); no cavitation,
+ventilation or waves.
+
+Source: models page, section 8; data/README.md.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib.resources
+import math
+from functools import cache
+
+import numpy as np
+
+from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.ops import arctan2, clip
+from shipgrid.units import KilogramPerMetre3, Metre, MetrePerSecond, Newton, NewtonMetre, RadianPerSecond, Ratio
+
+POINTS = 720
+"""Intervals of the table round the circle: 0.5 degrees; cubic interpolation is then within 1e-5 (tested)."""
+BLEND = math.radians(10.0)
+
+
+class Input:
+    omega_m: RadianPerSecond = signal("shaft speed, positive ahead")
+    v_a: MetrePerSecond = signal("speed of the water into the screw, positive ahead", initial=0.0)
+    u_thrust: MetrePerSecond = signal("speed at which thrust does work on the ship, (1 - t_f) u_ship", initial=0.0)
+
+
+class Output:
+    thrust: Newton = signal("thrust of the screw, positive ahead, before thrust deduction")
+    tau: NewtonMetre = signal("torque the screw takes from the shaft behind the hull")
+    J_adv: Ratio = signal("advance ratio, shown between -2 and 2; 0 at standstill")
+
+
+class Derived:
+    characteristic: Ratio = signal("CT* and CQ* in turn at beta = -180 - 0.5, -180, ... 180 + 0.5 degrees")
+
+
+@kernel
+def forces(omega_m, v_a, p, tables):
+    """Thrust [N] and torque at the shaft [N m]: (1) to (3), by a cubic through four points of the table."""
+    v_tip = 0.35 * p.D * omega_m
+    squared = v_a * v_a + v_tip * v_tip
+    if squared.real == 0.0:  # no flow, no force; beta is undefined
+        return 0.0 * squared, 0.0 * squared
+    place = (arctan2(v_a, v_tip) + math.pi) * (POINTS / (2.0 * math.pi))
+    k = min(int(place.real), POINTS - 1)
+    f = place - k
+    # Catmull-Rom: slopes are the central differences, so that the curve has no kink at a point of the table
+    w_0 = 0.5 * f * (f * (2.0 - f) - 1.0)
+    w_1 = 0.5 * (f * f * (3.0 * f - 5.0) + 2.0)
+    w_2 = 0.5 * f * (f * (4.0 - 3.0 * f) + 1.0)
+    w_3 = 0.5 * f * f * (f - 1.0)
+    at = int(p.characteristic.real) + 2 * k
+    c_t = w_0 * tables[at] + w_1 * tables[at + 2] + w_2 * tables[at + 4] + w_3 * tables[at + 6]
+    c_q = w_0 * tables[at + 1] + w_1 * tables[at + 3] + w_2 * tables[at + 5] + w_3 * tables[at + 7]
+    q = 0.5 * p.rho * squared * (0.25 * math.pi * p.D * p.D)  # (2)
+    return q * c_t, q * p.D * c_q / p.eta_r  # (3)
+
+
+@kernel
+def outputs(u: Input, p: Propeller, y: Output, tables):
+    y.thrust, y.tau = forces(u.omega_m, u.v_a, p, tables)
+    n_D = u.omega_m / (2.0 * math.pi) * p.D
+    y.J_adv = clip(u.v_a / n_D, -2.0, 2.0) if n_D.real != 0.0 else 0.0  # (4)
+
+
+@kernel
+def losses(u: Input, p: Propeller, tables):
+    thrust, tau = forces(u.omega_m, u.v_a, p, tables)
+    return tau * u.omega_m - thrust * u.u_thrust
+
+
+def table(name: str) -> list[dict[str, str]]:
+    """Rows of a table of `shipgrid/data`."""
+    with importlib.resources.files("shipgrid.data").joinpath(name).open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@cache
+def polynomial(coefficient: str) -> np.ndarray:
+    """Coefficient and exponents of J, P/D, A_E/A_0, Z of each term of `"KT"` or `"KQ"`, shape (terms, 5)."""
+    rows = [row for row in table("wageningen_b_series.csv") if row["coefficient_of"] == coefficient]
+    return np.array([[float(row[key]) for key in ("C", "s", "t", "u", "v")] for row in rows])
+
+
+def open_water(coefficient: str, J_adv, P_D: float, A_E: float, Z: float) -> np.ndarray:
+    """Open-water coefficient of the B-series by its polynomial, at the Reynolds number of the tests.
+
+    Parameters
+    ----------
+    coefficient : {"KT", "KQ"}
+        Which.
+    J_adv : array_like
+        Advance ratio.
+    P_D, A_E, Z : float
+        Pitch ratio, blade area ratio, number of blades.
+    """
+    J = np.asarray(J_adv, dtype=float)[..., None]
+    C, s, t, u, v = polynomial(coefficient).T
+    return (C * J**s * P_D**t * A_E**u * Z**v).sum(axis=-1)
+
+
+def four_quadrants(coefficient: str, beta, P_D: float, A_E: float, Z: float) -> np.ndarray:
+    """CT* or CQ* of the tested propeller nearest in Z, then A_E/A_0, then P/D, by its Fourier series.
+
+    Parameters
+    ----------
+    coefficient : {"T", "Q"}
+        Thrust or torque.
+    beta : array_like
+        Hydrodynamic pitch angle [rad].
+    P_D, A_E, Z : float
+        Pitch ratio, blade area ratio, number of blades.
+    """
+    rows = table("wageningen_four_quadrant.csv")
+
+    def distance(row: dict[str, str]) -> tuple[float, ...]:
+        wanted = (("Z", Z), ("AE_A0", A_E), ("P_D", P_D))
+        return tuple(round(abs(float(row[key]) - value), 9) for key, value in wanted)
+
+    nearest = min(map(distance, rows))
+    terms = [row for row in rows if distance(row) == nearest]
+    k, a, b = (np.array([float(row[key]) for row in terms]) for key in ("k", "A" + coefficient, "B" + coefficient))
+    angle = np.asarray(beta, dtype=float)[..., None] * k
+    return (a * np.cos(angle) + b * np.sin(angle)).sum(axis=-1)
+
+
+def step(x):
+    """0 below x = 0, 1 above x = 1, between them a fifth-order polynomial with flat ends (slope and curvature)."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10.0 + x * (6.0 * x - 15.0))
+
+
+def as_tested(coefficient: str, beta: np.ndarray, P_D: float, A_E: float, Z: float) -> np.ndarray:
+    """CT* or CQ* of the screw in its own axes: polynomials in the first quadrant, blended into the Fourier series."""
+    beta = (beta + math.pi) % (2.0 * math.pi) - math.pi
+    J_far = np.linspace(0.0, 2.0, 2001)
+    first = int(np.argmax(open_water("KT", J_far, P_D, A_E, Z) <= 0.0))
+    beta_0 = math.atan(J_far[first] / (0.7 * math.pi))  # to 0.001 in J, which is nothing to a blend over 10 degrees
+    weight = step((beta + BLEND) / BLEND) * step((beta_0 + BLEND - beta) / BLEND)
+    J = 0.7 * math.pi * np.tan(np.where(weight > 0.0, beta, 0.0))
+    near = open_water("K" + coefficient, J, P_D, A_E, Z) * 8.0 / (math.pi * (J**2 + (0.7 * math.pi) ** 2))  # (4)
+    return weight * near + (1.0 - weight) * four_quadrants(coefficient, beta, P_D, A_E, Z)
+
+
+def characteristic(coefficient: str, beta: np.ndarray, ends: float, P_D: float, A_E: float, Z: float) -> np.ndarray:
+    """CT* or CQ* over `beta` [rad], positive ahead, for the sort of `ends`."""
+    ahead = as_tested(coefficient, beta, P_D, A_E, Z)
+    turned = -as_tested(coefficient, beta + math.pi, P_D, A_E, Z)
+    if ends != 0.0:
+        return ahead if ends > 0.0 else turned
+    from_axis = np.abs((beta + math.pi) % (2.0 * math.pi) - math.pi)
+    weight = step((0.5 * math.pi + BLEND - from_axis) / (2.0 * BLEND))
+    return weight * ahead + (1.0 - weight) * turned
+
+
+def derive(propeller: Propeller) -> dict[str, np.ndarray]:
+    """The table round the circle, with a point more at each end for the cubic."""
+    beta = -math.pi + 2.0 * math.pi / POINTS * np.arange(-1, POINTS + 2)
+    shape = (propeller.ends, propeller.P_D, propeller.A_E, propeller.Z)
+    return {"characteristic": np.stack([characteristic(c, beta, *shape) for c in "TQ"], axis=1)}
+
+
+@component(
+    input=Input,
+    output=Output,
+    derived=Derived,
+    derive=derive,
+    stage="measure",
+    outputs=outputs,
+    losses=losses,
+)
+class Propeller:
+    """Fixed-pitch screw behind the hull."""
+
+    D: Metre = param("diameter", default=1.25, above=0.0, source="[DAgostino2020] table A1")
+    P_D: Ratio = param(
+        "pitch over diameter",
+        default=0.9,
+        at_least=0.5,
+        at_most=1.4,
+        source="chosen: motor's torque and speed limits are then met almost together; KT is 0 at J 0.955",
+    )
+    A_E: Ratio = param("blade area ratio", default=0.75, at_least=0.3, at_most=1.05, source="chosen: B5-75")
+    Z: Ratio = param("number of blades", default=5.0, at_least=2.0, at_most=7.0, source="[DAgostino2020] sec. 3.5")
+    rho: KilogramPerMetre3 = param(
+        "density of water", default=1000.0, above=0.0, source="[DAgostino2020] table A1 (fresh water)"
+    )
+    eta_r: Ratio = param("relative rotative efficiency", default=1.026, above=0.0, source="[DAgostino2020] table A1")
+    ends: Ratio = param(
+        "0 mirrored: axes of travel; 1 own axes, facing astern; -1 own axes, facing ahead",
+        default=0.0,
+        at_least=-1.0,
+        at_most=1.0,
+        source="[DAgostino2020] uses one open-water diagram for both screws and directions",
+    )

@@ -1,0 +1,216 @@
+"""Control of a battery's buck-boost converter: droop, voltage forming or current, over one current loop.
+
+Current loop, sampled once a switching period, with the measured battery voltage fed forward:
+
+    s = clip((v_b - u)/v_dc, s_min, s_max),   u = PI(i_star - i_l)                        (1)
+    K_p = omega_c L,   K_i = omega_c R                                                    (2)
+
+(2) cancels the choke's pole, so the loop is first order with bandwidth omega_c, less the delay of 1.5 periods.
+Its reference, positive discharging, battery side:
+
+    droop (1)     i_star = i_set + K_dr (v_ref - v_f)                                     (3)
+    voltage (2)   i_star = PI(v_ref - v_f), boost branch >= 0, buck branch <= 0           (4)
+    current (3)   i_star = i_set                                                          (5)
+
+v_f is the bus voltage through a low-pass; v_ref and i_set follow their commands at a limited rate. In (4) the paper
+has one PI for boost and one for buck. Averaged, these are one PI whose current keeps one sign on a branch; the
+branch changes when the current has come to zero and the voltage is more than `v_band` on the other side.
+
+Every change of mode is bumpless: i_set, or the integrator of (4), is set so that i_star stays where it is, and i_set
+then moves to its command at its rate. Started (`enable`), v_ref begins at the measured voltage and i_star at zero.
+Unloading is droop with i_set moved, at its rate, to where i_star is zero: the battery keeps holding the bus while
+others take its load over, or the voltage shows that nobody does.
+
+The current is limited to i_max, and fades to zero over `soc_fade` as the charge comes to soc_min (discharging) or
+soc_max (charging); the fade is an addition to the paper.
+
+Source: [DAgostino2020] sec. 3.1, fig. 5b-d, table A1; docs/theory/battery.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from shipgrid.controllers.blocks.low_pass import low_pass
+from shipgrid.controllers.blocks.pi import PiState, pi
+from shipgrid.controllers.blocks.ramp import ramp
+from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.ops import absolute, clip, maximum
+from shipgrid.units import (
+    Ampere,
+    AmperePerSecond,
+    AmperePerVolt,
+    AmperePerVoltSecond,
+    Henry,
+    Hertz,
+    Ohm,
+    PerUnit,
+    PerUnitPerSecond,
+    RadianPerSecond,
+    Ratio,
+    Volt,
+    VoltPerAmpere,
+    VoltPerAmpereSecond,
+    VoltPerSecond,
+)
+
+OFF, DROOP, VOLTAGE, CURRENT = 0.0, 1.0, 2.0, 3.0
+SETTLED_A, SETTLED_V = 0.5, 0.1  # how close a ramped reference counts as arrived
+
+
+class State:
+    v_f: Volt = signal("filtered bus voltage", initial=750.0)
+    v_ref: Volt = signal("bus voltage reference, ramped", initial=750.0)
+    i_set: Ampere = signal("current set point, ramped")
+    i_star: Ampere = signal("current reference")
+    mode: Ratio = signal("mode in force, 0 off")
+    boost: Ratio = signal("voltage forming: 1 on the boost branch, 0 on the buck branch", initial=1.0)
+    current: PiState
+    voltage: PiState
+
+
+class Input:
+    i_l: Ampere = signal("choke current, from battery to bus")
+    v_b: Volt = signal("voltage at the battery's terminals")
+    v_dc: Volt = signal("bus voltage")
+    soc: Ratio = signal("state of charge")
+    enable: Ratio = signal("1 while the gates are released")
+    unload: Ratio = signal("1 to bring the current to zero", initial=0.0)
+    mode_ref: Ratio = signal("1 droop, 2 voltage forming, 3 current")
+    v_dc_ref: Volt = signal("commanded bus voltage")
+    i_ref: Ampere = signal("commanded battery current, positive discharging")
+
+
+class Output:
+    s: Ratio = signal("mean of the upper switch's switching function over the next period")
+    ramping: Ratio = signal("1 while a reference still moves to its command")
+    current_limit: Ratio = signal("1 while the current limit acts", limiter=True)
+    duty_limit: Ratio = signal("1 while the duty ratio is at a limit", limiter=True)
+    soc_low: Ratio = signal("1 while the low state of charge limits the discharge", limiter=True)
+    soc_high: Ratio = signal("1 while the high state of charge limits the charge", limiter=True)
+
+
+class Derived:
+    k_p: VoltPerAmpere = signal("current loop, proportional gain")
+    k_i: VoltPerAmpereSecond = signal("current loop, integral gain")
+    K_dr: AmperePerVolt = signal("droop")
+    K_p_v: AmperePerVolt = signal("voltage forming, proportional gain")
+    K_i_v: AmperePerVoltSecond = signal("voltage forming, integral gain")
+    i_max: Ampere = signal("current limit")
+    omega_f: RadianPerSecond = signal("corner of the voltage filter")
+
+
+def derive(p: BatteryControl) -> dict[str, float]:
+    """Gains in SI, from the choke and from per-unit gains on i_n and v_dc_n."""
+    omega_c, base = 2.0 * math.pi * p.f_c, p.i_n / p.v_dc_n
+    return {
+        "k_p": omega_c * p.L,  # (2)
+        "k_i": omega_c * p.R,
+        "K_dr": p.k_dr * base,
+        "K_p_v": p.k_p_v * base,
+        "K_i_v": p.k_i_v * base,
+        "i_max": p.i_limit * p.i_n,
+        "omega_f": 2.0 * math.pi * p.f_filter,
+    }
+
+
+@kernel
+def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Output):
+    x_next.v_f = low_pass(u.v_dc, x.v_f, p.omega_f, dt)
+    v_dc = maximum(u.v_dc, 1.0)  # a dead bus has no duty ratio
+    y.ramping = y.current_limit = y.duty_limit = y.soc_low = y.soc_high = 0.0
+    if u.enable.real < 0.5:
+        x_next.mode = OFF
+        x_next.v_ref = x_next.v_f
+        x_next.i_set = x_next.i_star = x_next.current.i = x_next.voltage.i = 0.0
+        y.s = clip(u.v_b / v_dc, p.s_min, p.s_max)  # no current when the gates are released
+        return
+
+    mode = DROOP if u.unload.real > 0.5 else u.mode_ref.real
+    changed = mode != x.mode.real
+    x_next.mode = mode
+    x_next.v_ref = ramp(u.v_dc_ref, x.v_ref, p.v_rate, dt)
+    e = x_next.v_ref - x_next.v_f
+    high = p.i_max * clip((u.soc - p.soc_min) / p.soc_fade, 0.0, 1.0)
+    low = -p.i_max * clip((p.soc_max - u.soc) / p.soc_fade, 0.0, 1.0)
+
+    if mode == VOLTAGE:
+        if changed:
+            x_next.voltage.i = x.i_star - p.K_p_v * e
+            x_next.boost = 1.0 if x.i_star.real > 0.0 or (x.i_star.real == 0.0 and e.real >= 0.0) else 0.0
+        boost = x_next.boost.real > 0.5
+        wanted = p.K_p_v * e + x_next.voltage.i
+        i_star = pi(
+            e,
+            0.0,
+            p.K_p_v,
+            p.K_i_v,
+            0.0 * low if boost else low,
+            high if boost else 0.0 * high,
+            dt,
+            x_next.voltage,
+            x_next.voltage,
+        )  # (4)
+        if boost and i_star.real <= 0.0 and e.real < -p.v_band.real:
+            x_next.boost = 0.0
+        elif not boost and i_star.real >= 0.0 and e.real > p.v_band.real:
+            x_next.boost = 1.0
+    else:
+        droop = p.K_dr * e if mode == DROOP else 0.0 * e
+        if changed:
+            x_next.i_set = x.i_star - droop
+        target = -droop if u.unload.real > 0.5 else u.i_ref
+        x_next.i_set = ramp(target, x_next.i_set, p.i_rate, dt)
+        wanted = x_next.i_set + droop  # (3), (5)
+        i_star = clip(wanted, low, high)
+        y.ramping = 1.0 if absolute(target - x_next.i_set).real > SETTLED_A else 0.0
+    x_next.i_star = i_star
+    if absolute(u.v_dc_ref - x_next.v_ref).real > SETTLED_V:
+        y.ramping = 1.0
+
+    effort = pi(
+        i_star - u.i_l, 0.0, p.k_p, p.k_i, u.v_b - p.s_max * v_dc, u.v_b - p.s_min * v_dc, dt, x.current, x_next.current
+    )
+    y.s = clip((u.v_b - effort) / v_dc, p.s_min, p.s_max)  # (1)
+
+    y.duty_limit = 1.0 if y.s.real <= p.s_min.real + 1e-9 or y.s.real >= p.s_max.real - 1e-9 else 0.0
+    y.current_limit = 1.0 if absolute(wanted).real > p.i_max.real else 0.0
+    y.soc_low = 1.0 if wanted.real > high.real and high.real < p.i_max.real else 0.0
+    y.soc_high = 1.0 if wanted.real < low.real and low.real > -p.i_max.real else 0.0
+
+
+@component(state=State, input=Input, output=Output, derived=Derived, derive=derive, stage="inner", update=update)
+class BatteryControl:
+    """Sampled control of a battery converter."""
+
+    L: Henry = param("choke inductance", default=0.8e-3, above=0.0, source="[DAgostino2020] table A1")
+    R: Ohm = param("resistance of choke and switches", default=0.25, at_least=0.0, source="[DAgostino2020] table A1")
+    f_c: Hertz = param("bandwidth of the current loop", default=300.0, above=0.0, source="typical: below f_sw/15")
+    i_n: Ampere = param("rated battery current, base of the gains", default=128.0, above=0.0, source="one-hour current")
+    v_dc_n: Volt = param("rated bus voltage, base of the gains", default=750.0, above=0.0, source="[DAgostino2020] A1")
+    k_dr: PerUnit = param("droop gain", default=20.0, at_least=0.0, source="[DAgostino2020] table A1: 1/0.05")
+    f_filter: Hertz = param("corner of the voltage filter", default=100.0, above=0.0, source="typical")
+    k_p_v: PerUnit = param(
+        "voltage forming, proportional gain",
+        default=20.0,
+        above=0.0,
+        source="not in the paper; 10 kW at once dips the bus to 744 V",
+    )
+    k_i_v: PerUnitPerSecond = param(
+        "voltage forming, integral gain", default=100.0, at_least=0.0, source="not in the paper, with k_p_v"
+    )
+    v_band: Volt = param(
+        "voltage forming, hysteresis between boost and buck", default=2.0, at_least=0.0, source="typical"
+    )
+    i_rate: AmperePerSecond = param("rate of the current set point", default=50.0, above=0.0, source="typical")
+    v_rate: VoltPerSecond = param("rate of the voltage reference", default=50.0, above=0.0, source="as the rectifier's")
+    i_limit: PerUnit = param(
+        "current limit, on i_n", default=1.5, above=0.0, source="typical; [DAgostino2020] fig. 10a"
+    )
+    s_min: Ratio = param("least duty ratio", default=0.02, at_least=0.0, below=0.5, source="minimum pulse, typical")
+    s_max: Ratio = param("greatest duty ratio", default=0.98, above=0.5, at_most=1.0, source="minimum pulse, typical")
+    soc_min: Ratio = param("no discharge below this charge", default=0.2, at_least=0.0, below=0.5, source="typical")
+    soc_max: Ratio = param("no charging above this charge", default=0.9, above=0.5, at_most=1.0, source="typical")
+    soc_fade: Ratio = param(
+        "width over which the current limit fades out", default=0.02, above=0.0, below=0.2, source="typical"
+    )

@@ -1,0 +1,276 @@
+"""Grid-forming inverter: bridge, LCL filter, 390/400 V transformer and output contactor, from a DC bus to an AC bar.
+
+The transformer's leakage is the filter's second inductance; all values are referred to the bar's side. Black start:
+the contactor closes on the dead bar with no voltage and the set point rises on a ramp, so that no inrush occurs.
+'Off' unloads first: voltage and power set points go down until hardly any power flows, which in parallel leaves the
+load to the others and alone takes the bar down with it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from shipgrid.components.electrical.lcl_filter import LclFilter
+from shipgrid.controllers.grid_forming import PRESETS, GridForming
+from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
+from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.network import Every, Network, Pole3, Sampled
+from shipgrid.model.ops import absolute, clip, hypot
+from shipgrid.units import (
+    Ampere,
+    Farad,
+    Hertz,
+    PerUnit,
+    PerUnitPerSecond,
+    Ratio,
+    Var,
+    Volt,
+    VoltAmpere,
+    Watt,
+)
+
+STATES = {0: "off", 1: "starting", 2: "on", 3: "unloading"}
+OFF, STARTING, ON, UNLOADING = 0.0, 1.0, 2.0, 3.0
+
+REFUSALS = {
+    1: "the DC bus is below 650 V",
+    2: "the AC bar is live and the inverter is not synchronised with it",
+}
+
+
+class SequenceState:
+    """State of the sequence."""
+
+    state: Ratio = signal("0 off, 1 starting, 2 on, 3 unloading")
+    v_ref: PerUnit = signal("voltage set point")
+    p_ref: PerUnit = signal("power set point")
+
+
+class SequenceInput:
+    """Input of the sequence."""
+
+    on: Ratio = signal("command")
+    v_dc: Volt = signal("DC bus voltage")
+    v_alpha: Volt = signal("bar voltage, alpha axis")
+    v_beta: Volt = signal("bar voltage, beta axis")
+    v_set: PerUnit = signal("voltage set point on the controller's ramp")
+    p: PerUnit = signal("power delivered")
+    q: PerUnit = signal("reactive power delivered")
+
+
+class SequenceOutput:
+    """Output of the sequence."""
+
+    code: Ratio = signal("state of the sequence")
+    refused: Ratio = signal("reason why it does not start, 0: none")
+    enable: Ratio = signal("1: gates work")
+    position: Ratio = signal("contact position of the filter: 0 closed, 2 open")
+    on: Ratio = signal("1: on, at its voltage")
+
+
+class Derived:
+    """Base."""
+
+    v_b: Volt = signal("base voltage, peak of a phase")
+
+
+def derive(p: InverterSequence) -> dict[str, float]:
+    """Base voltage."""
+    return {"v_b": math.sqrt(2.0 / 3.0) * p.v_n}
+
+
+@kernel
+def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState):
+    """Move the set points against the power that still flows; whether little enough is left to open."""
+    x_next.v_ref = clip(x.v_ref - p.rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
+    x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
+    little = absolute(u.p).real < p.p_open.real and absolute(u.q).real < p.q_open.real
+    return little or u.v_set.real <= 0.0
+
+
+@kernel
+def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState, y: SequenceOutput):
+    wanted = u.on.real > 0.5
+    y.refused = 0.0
+    if x.state == OFF and wanted:
+        if u.v_dc.real < p.v_dc_min.real:
+            y.refused = 1.0
+        elif hypot(u.v_alpha, u.v_beta).real > (p.v_dead * p.v_b).real:
+            y.refused = 2.0
+        else:
+            x_next.state = STARTING
+    elif x.state == STARTING or x.state == ON:
+        if not wanted:
+            x_next.state = UNLOADING
+        elif u.v_set.real >= 1.0:
+            x_next.state = ON
+    elif x.state == UNLOADING:
+        if wanted:
+            x_next.state = STARTING
+        elif unload(dt, x, u, p, x_next):
+            x_next.state = OFF
+    if x_next.state != UNLOADING:
+        x_next.v_ref = 1.0
+        x_next.p_ref = 0.0
+    running = x_next.state != OFF
+    y.code = x_next.state
+    y.enable = 1.0 if running else 0.0
+    y.position = 0.0 if running else 2.0
+    y.on = 1.0 if x_next.state == ON else 0.0
+
+
+@component(
+    state=SequenceState,
+    input=SequenceInput,
+    output=SequenceOutput,
+    derived=Derived,
+    derive=derive,
+    update=update,
+    stage="supervise",
+)
+class InverterSequence:
+    """On/off sequence of a grid-forming inverter."""
+
+    v_n: Volt = param("nominal voltage of the bar, line to line, rms", default=400.0, above=0.0, source="table A1")
+    v_dc_min: Volt = param("lowest DC voltage to start at", default=650.0, above=0.0, source="sqrt 2 400 V and 15 %")
+    v_dead: PerUnit = param("below this the bar is dead", default=0.05, above=0.0, source="dead-bus rule")
+    rate: PerUnitPerSecond = param("ramp of the set points when unloading", default=0.25, above=0.0, source="typical")
+    p_open: PerUnit = param("power at which the contactor opens", default=0.03, above=0.0, source="typical")
+    q_open: PerUnit = param("reactive power at which the contactor opens", default=0.05, above=0.0, source="typical")
+
+
+class MeterInput:
+    """Input of the meter."""
+
+    v_alpha: Volt = signal("bar voltage, alpha axis")
+    v_beta: Volt = signal("bar voltage, beta axis")
+    i_2_alpha: Ampere = signal("current into the bar, alpha axis")
+    i_2_beta: Ampere = signal("current into the bar, beta axis")
+    v_dc: Volt = signal("DC bus voltage")
+    s_alpha: Ratio = signal("switching function, alpha axis")
+    s_beta: Ratio = signal("switching function, beta axis")
+    i_1_alpha: Ampere = signal("converter current, alpha axis")
+    i_1_beta: Ampere = signal("converter current, beta axis")
+
+
+class MeterOutput:
+    """Output of the meter."""
+
+    p_ac: Watt = signal("power into the bar")
+    q_ac: Var = signal("reactive power into the bar")
+    p_dc: Watt = signal("power from the DC bus")
+
+
+@kernel
+def meter_outputs(t, u: MeterInput, y: MeterOutput):
+    y.p_ac = 1.5 * (u.v_alpha * u.i_2_alpha + u.v_beta * u.i_2_beta)
+    y.q_ac = 1.5 * (u.v_beta * u.i_2_alpha - u.v_alpha * u.i_2_beta)
+    y.p_dc = 1.5 * u.v_dc * (u.s_alpha * u.i_1_alpha + u.s_beta * u.i_1_beta)
+
+
+@component(input=MeterInput, output=MeterOutput, outputs=meter_outputs, stage="measure")
+class InverterMeter:
+    """Powers at both sides of the inverter."""
+
+
+@equipment(
+    "inverter",
+    commands=(switch("on", "start and feed the AC bar", moored=True, refusals=REFUSALS),),
+    signals=(
+        Published("p_ac", "W", "active power into the AC bar"),
+        Published("q_ac", "var", "reactive power into the AC bar"),
+        Published("f", "Hz", "internal frequency"),
+        Published("p_dc", "W", "power taken from the DC bus"),
+        Published("on", "1", "1: on, at its voltage"),
+    ),
+    states=STATES,
+)
+class Inverter:
+    """Grid-forming inverter with LCL filter, transformer and contactor.
+
+    The filter preset `paper` brings its own inductance and gains in place of every value that stands at its declared
+    default; a value that the ship file sets otherwise stays.
+    """
+
+    bus: str = reference("DC bus that feeds it", "dc")
+    grid: str = reference("AC bar it feeds", "ac")
+    rating: VoltAmpere = param("rating", default=50e3, above=0.0, source="[DAgostino2020] table A1")
+    filter: str = choice("filter and gains", "default", "paper", default="default")
+    L_1: PerUnit = param("converter-side inductance", default=0.891, above=0.0, source="phase-voltage sizing rule")
+    C: PerUnit = param("filter capacitance", default=0.06, above=0.0, source="[DAgostino2020] table A1")
+    L_t: PerUnit = param("leakage of the transformer", default=0.10, above=0.0, source="[DAgostino2020] table A1")
+    R_1: PerUnit = param("resistance of the converter-side choke", default=0.005, at_least=0.0, source="typical")
+    R_t: PerUnit = param("resistance of the transformer", default=0.005, at_least=0.0, source="typical")
+    C_dc: Farad = param("capacitance of the DC side", default=2e-3, at_least=0.0, source="typical, 11 ms at 50 kVA")
+    f_sw: Hertz = param("carrier and sampling frequency", default=1620.0, above=0.0, source="as the rectifier's")
+    control: GridForming = block(GridForming)
+
+    def build(self, net: Network, name: str, ship: Any) -> None:
+        """Place bridge, filter, control, sequence and meter, and publish."""
+        bus, grid = ship.bus(self.bus), ship.bus(self.grid)
+        chosen = self.resolved()
+        lcl = LclFilter.per_unit(
+            self.rating, grid.v_n, grid.f_n, L_1=chosen.L_1, C=self.C, L_2=self.L_t, R_1=self.R_1, R_2=self.R_t
+        )
+        control = dataclasses.replace(
+            chosen.control, S_n=self.rating, v_n=grid.v_n, f_n=grid.f_n, L_1=chosen.L_1, C=self.C
+        )
+        net.capacitance(bus, self.C_dc)
+        s = {axis: f"{name}.modulator.s_{axis}" for axis in ("alpha", "beta")}
+        bridge = Pole3(bus, s_alpha=s["alpha"], s_beta=s["beta"])
+        net.add_three_phase(
+            f"{name}.filter", lcl, ports={"converter": bridge, "grid": grid}, variant=f"{name}.sequence.position"
+        )
+        axes = dict(zip(("alpha", "beta"), grid.nodes, strict=True))
+        v_bar = {f"v_{axis}": node for axis, node in axes.items()}
+
+        def filter_state(field: str, symbol: str) -> dict[str, str]:
+            return {f"{field}_{axis}": f"{name}.filter.{axis}.{symbol}" for axis in axes}
+
+        net.add(
+            f"{name}.control",
+            control,
+            inputs=filter_state("v_c", "v_c")
+            | filter_state("i_1", "i_1")
+            | filter_state("i_g", "i_2")
+            | {"v_dc": bus.nodes[0], "enable": f"{name}.sequence.enable"}
+            | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"},
+            clock=Sampled(self.f_sw),
+        )
+        net.modulator(f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(self.f_sw))
+        net.add(
+            f"{name}.sequence",
+            InverterSequence(v_n=grid.v_n),
+            inputs=v_bar
+            | {"on": net.command(f"{name}.on"), "v_dc": bus.nodes[0]}
+            | {"v_set": f"{name}.control.v_set", "p": f"{name}.control.p", "q": f"{name}.control.q"},
+            clock=Every(10e-3),
+        )
+        net.add(
+            f"{name}.meter",
+            InverterMeter(),
+            inputs=v_bar
+            | filter_state("i_2", "i_2")
+            | filter_state("i_1", "i_1")
+            | {"v_dc": bus.nodes[0], "s_alpha": s["alpha"], "s_beta": s["beta"]},
+        )
+        sources = {"p_ac": "meter", "q_ac": "meter", "p_dc": "meter", "f": "control", "on": "sequence"}
+        for signal_ in Inverter.__equipment__.signals:  # type: ignore[attr-defined]
+            source = f"{name}.{sources[signal_.name]}.{signal_.name}"
+            net.publish(f"{name}.{signal_.name}", source=source, unit=signal_.unit, description=signal_.description)
+        net.watch_state(name, f"{name}.sequence.state", STATES)
+        net.watch_refusal(name, f"{name}.sequence.refused", REFUSALS)
+
+    def resolved(self) -> Inverter:
+        """The same inverter with the values of its filter preset in place of those left at their defaults."""
+        plain = GridForming()
+        preset = PRESETS[self.filter]
+        gains = {
+            symbol: value
+            for symbol, value in preset.items()
+            if symbol != "L_1" and getattr(self.control, symbol) == getattr(plain, symbol)
+        }
+        L_1 = preset["L_1"] if self.L_1 == plain.L_1 else self.L_1
+        return dataclasses.replace(self, L_1=L_1, control=dataclasses.replace(self.control, **gains))

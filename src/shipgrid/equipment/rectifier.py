@@ -1,0 +1,342 @@
+"""Active rectifier of a diesel genset: LCL filter, two-level bridge, control, and how it takes and sheds load.
+
+    off -> synchronising -> connected -> (waiting ->) unloading -> blocked -> off
+
+Off, the contactor on the generator's side is open. When the genset is ready it closes, gates blocked, and energises the
+filter; the PLL locks; the gates switch without making current; then the bound on both current references opens
+along a ramp, and the voltage reference goes from the measured bus voltage to its command. Told to unload, it waits
+until its DC power is one that the other sources can take over, and closes the bound along the same ramp. If the bus
+falls below `v_release` meanwhile, nobody takes over: it carries on and tries again later. Nothing here knows who
+else feeds the bus; the bus voltage tells.
+
+Pre-charge through the diodes needs blocked legs that conduct, which the averaged bridge does not have: the DC bus must
+have at least nine tenths of the diodes' voltage by other means, otherwise connecting is refused; and a connected
+rectifier that loses it opens.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from shipgrid.components.electrical.lcl_filter import LclFilter
+from shipgrid.controllers.blocks.ramp import ramp
+from shipgrid.controllers.rectifier_control import RectifierControl
+from shipgrid.equipment.declaration import Command, Published, block, choice, equipment, reference
+from shipgrid.errors import ParameterError
+from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.network import Every, Pole3, Sampled
+from shipgrid.model.ops import absolute, hypot, maximum, minimum
+from shipgrid.units import Farad, Hertz, PerUnit, PerUnitPerSecond, Ratio, Second, Volt, VoltPerSecond, Watt
+
+L_1_PAPER = 1.29
+L_1_PRESETS = {"paper": L_1_PAPER, "phase_voltage_rule": 0.742, "compact": 0.129}
+"""Converter-side inductance [pu of the rectifier's own rating]: as printed; by the sizing rule it follows,
+L_1 = V_dc / (6 f_sw dI), with the phase voltage where the printed value has the line-to-line one; a tenth of it."""
+
+OFF, SYNCHRONISING, CONNECTED, WAITING, UNLOADING, BLOCKED = range(6)
+STATES = {
+    OFF: "off",
+    SYNCHRONISING: "synchronising",
+    CONNECTED: "connected",
+    WAITING: "waiting: the other sources cannot take over its load yet",
+    UNLOADING: "unloading",
+    BLOCKED: "blocked",
+}
+NOT_CHARGED = 1
+REFUSALS = {NOT_CHARGED: "the DC bus is below 0.9 of the diode voltage and cannot be charged through this rectifier"}
+CLOSED, GATES_OFF, OPEN = 0.0, 1.0, 2.0  # positions of the filter's contacts
+SEQUENCE_PERIOD = 10e-3
+"""Clock of the sequence [s]: a switchboard's relay logic."""
+DIODES = 3.0 * math.sqrt(2.0) / math.pi
+"""Mean of a six-pulse rectified voltage over the line-to-line rms value."""
+
+
+class State:
+    state: Ratio = signal("state of the sequence, code")
+    refused: Ratio = signal("why connecting is refused, code, 0 is not")
+    timer: Second = signal("time during which what this state waits for has held")
+    limit: PerUnit = signal("bound on the current references")
+    v_ref: Volt = signal("DC voltage reference along its ramp")
+
+
+class Input:
+    ready: Ratio = signal("1 while the genset allows it to be connected")
+    stop: Ratio = signal("1 while the genset asks it to unload and open")
+    v_dc_ref: Volt = signal("command: DC voltage at no load")
+    v_dc: Volt = signal("DC bus voltage")
+    p_dc: Watt = signal("power into the DC bus")
+    v_d: PerUnit = signal("capacitor voltage, d axis of the PLL")
+    v_q: PerUnit = signal("capacitor voltage, q axis of the PLL")
+    i_d: PerUnit = signal("d-axis current")
+    i_q: PerUnit = signal("q-axis current")
+    i_d_ref: PerUnit = signal("reference of the d-axis current")
+    i_q_ref: PerUnit = signal("reference of the q-axis current")
+
+
+class Output:
+    contacts: Ratio = signal("position of the filter's contacts: 0 closed, 1 gates off, 2 open", initial=OPEN)
+    connected: Ratio = signal("1 while the contactor is closed")
+    enable: Ratio = signal("1 while the gates switch")
+    limit: PerUnit = signal("bound on the current references")
+    v_dc_ref: Volt = signal("DC voltage reference")
+
+
+@kernel
+def update(t, dt, x: State, u: Input, p: RectifierSequence, x_next: State, y: Output):
+    fed, stop = u.ready.real > 0.5, u.stop.real > 0.5
+    charged = u.v_dc.real >= (p.charged * DIODES * p.v_n).real
+    small = u.p_dc.real < p.release_power.real
+    state = was = int(x.state.real)
+    timer = 0.0
+    refused = 0
+
+    if not (fed and charged):
+        state = OFF
+        refused = NOT_CHARGED if fed and not stop else 0
+    elif was == OFF:
+        state = OFF if stop else SYNCHRONISING
+    elif was == SYNCHRONISING:
+        locked = u.v_d.real > p.v_locked.real and absolute(u.v_q).real < p.v_q_locked.real
+        timer = x.timer.real + dt if locked else 0.0
+        if stop:
+            state = OFF
+        elif timer >= p.t_lock.real:
+            state = CONNECTED
+    elif was == CONNECTED:
+        if stop:
+            state = UNLOADING if small else WAITING
+    elif was == WAITING:
+        timer = x.timer.real + dt if small else minimum(x.timer.real + dt, 0.0)  # below zero: it tries again later
+        if not stop:
+            state = CONNECTED
+        elif timer >= p.t_small.real:
+            state = UNLOADING
+    elif was == UNLOADING:
+        idle = x.limit.real <= 0.0 and hypot(u.i_d, u.i_q).real < p.i_idle.real
+        if not stop:
+            state = CONNECTED
+        elif u.v_dc.real < p.v_release.real:
+            state = WAITING
+        elif idle:
+            state = BLOCKED
+    else:
+        timer = x.timer.real + dt
+        if timer >= p.t_contact.real:
+            state = OFF
+
+    gates = CONNECTED <= state <= UNLOADING
+    limit = x.limit + 0.0
+    if state == UNLOADING and was != UNLOADING:
+        limit = minimum(limit, maximum(u.i_d_ref, absolute(u.i_q_ref)))  # what it carries now, so that it acts at once
+    if state == WAITING and was == UNLOADING:
+        limit = p.i_max + 0.0 * limit  # the bus falls: it takes back what it needs at once
+    x_next.limit = ramp(0.0 if state == UNLOADING else p.i_max, limit, p.load_rate, dt) if gates else 0.0 * limit
+    x_next.v_ref = ramp(u.v_dc_ref, x.v_ref, p.v_rate, dt) if gates else u.v_dc
+    x_next.state = float(state)
+    x_next.refused = float(refused)
+    x_next.timer = timer if state == was else (-p.t_retry.real if was == UNLOADING and state == WAITING else 0.0)
+    y.contacts = CLOSED if gates else (OPEN if state == OFF else GATES_OFF)
+    y.connected = 0.0 if state == OFF else 1.0
+    y.enable = 1.0 if gates else 0.0
+    y.limit = x_next.limit
+    y.v_dc_ref = x_next.v_ref
+
+
+@component(state=State, input=Input, output=Output, stage="supervise", update=update)
+class RectifierSequence:
+    """Connecting, loading, unloading and opening of an active rectifier."""
+
+    v_n: Volt = param("nominal AC voltage, line to line", default=480.0, above=0.0, source="[DAgostino2020] table A1")
+    charged: Ratio = param(
+        "DC voltage over the diodes' below which it does not connect",
+        default=0.9,
+        above=0.0,
+        source="usual end of a pre-charge",
+    )
+    v_locked: PerUnit = param("capacitor voltage at which the PLL may lock", default=0.8, above=0.0, source="typical")
+    v_q_locked: PerUnit = param(
+        "capacitor voltage across the d axis taken as locked", default=0.02, above=0.0, source="typical: 1 degree"
+    )
+    t_lock: Second = param("time for which the PLL must be locked", default=0.2, at_least=0.0, source="typical")
+    t_contact: Second = param("time of the contactor", default=0.1, at_least=0.0, source="typical")
+    load_rate: PerUnitPerSecond = param(
+        "rate at which load is taken and shed",
+        default=0.1,
+        above=0.0,
+        source="design choice: half load in 5 s, gentle for the diesel",
+    )
+    v_rate: VoltPerSecond = param("rate of the DC voltage reference", default=50.0, above=0.0, source="design choice")
+    i_max: PerUnit = param(
+        "bound on the current references when loaded", default=1.2, above=0.0, source="as the control's own"
+    )
+    i_idle: PerUnit = param("current at which the gates may be blocked", default=0.02, above=0.0, source="typical")
+    release_power: Watt = param(
+        "DC power below which it may unload", default=100e3, at_least=0.0, source="what two 128 A batteries take over"
+    )
+    t_small: Second = param("time below that power", default=1.0, at_least=0.0, source="typical")
+    v_release: Volt = param(
+        "DC voltage below which unloading is broken off",
+        default=715.0,
+        above=0.0,
+        source="two 128 A batteries in droop hold 719 V at 100 kW",
+    )
+    t_retry: Second = param(
+        "time until the next attempt after that", default=30.0, at_least=0.0, source="design choice"
+    )
+
+
+@equipment(
+    "rectifier",
+    commands=(
+        Command("v_dc_ref", "V", "DC voltage at no load", 700.0, 800.0, 750.0),
+        Command(
+            "mode",
+            "1",
+            "shares the bus by droop, or forms it alone",
+            0.0,
+            1.0,
+            0.0,
+            words={"droop": 0.0, "voltage": 1.0},
+        ),
+    ),
+    signals=(
+        Published("p_dc", "W", "power into the DC bus"),
+        Published("i_dc", "A", "current into the DC bus"),
+        Published("modulation", "1", "converter voltage over its limit"),
+    ),
+    states=STATES,
+)
+class Rectifier:
+    """Active rectifier between a genset and a DC bus.
+
+    The gains K_p, K_i of the current control belong to the paper's filter; with another `lcl_preset` they are scaled
+    with L_1, which keeps the bandwidth.
+    """
+
+    source: str = reference("genset that feeds it", "genset")
+    bus: str = reference("DC bus it feeds", "dc")
+    rating: Watt = param(
+        "rating, base of the per-unit values", default=596e3, above=0.0, source="[DAgostino2020] table A1"
+    )
+    f_sw: Hertz = param(
+        "carrier frequency; it is sampled at twice that", default=1620.0, above=0.0, source="[DAgostino2020] table A1"
+    )
+    dc_droop: PerUnit = param("droop of the DC voltage", default=0.05, above=0.0, source="[DAgostino2020] table A1")
+    ac_droop: PerUnit = param("droop of the AC voltage", default=0.05, above=0.0, source="[DAgostino2020] table A1")
+    C_dc: Farad = param(
+        "capacitance of the DC side",
+        default=10e-3,
+        at_least=0.0,
+        source="typical; with drive and inverter 17 mF a side, which the droop loop needs",
+    )
+    lcl_preset: str = choice("converter-side inductance", *L_1_PRESETS, "custom", default="paper")
+    L_1: PerUnit = param(
+        "converter-side inductance of the preset `custom`",
+        default=L_1_PAPER,
+        above=0.0,
+        source="[DAgostino2020] table A1",
+    )
+    C: PerUnit = param("filter capacitance", default=0.07, above=0.0, source="[DAgostino2020] table A1")
+    L_2: PerUnit = param(
+        "grid-side inductance, the transformer's leakage", default=0.09, above=0.0, source="[DAgostino2020] table A1"
+    )
+    R_1: PerUnit = param("resistance of the converter-side choke", default=0.005, at_least=0.0, source="typical")
+    R_2: PerUnit = param("resistance of the transformer", default=0.005, at_least=0.0, source="typical")
+    damping: Ratio = param(
+        "damping resistance over the capacitor's reactance at resonance",
+        default=1.0 / 3.0,
+        at_least=0.0,
+        source="usual rule for passive damping",
+    )
+    control: RectifierControl = block(RectifierControl)
+    sequence: RectifierSequence = block(RectifierSequence)
+
+    def check(self) -> None:
+        """Refuse a control block that says differently what is said above it."""
+        for part, name, own in (
+            ("control", "S_n", "rating"),
+            ("control", "K_v", "dc_droop"),
+            ("control", "K_e", "ac_droop"),
+            ("control", "L_1", "lcl_preset"),
+            ("control", "V_n", "source"),
+            ("control", "f_n", "source"),
+            ("control", "V_dc_n", "bus"),
+            ("sequence", "v_n", "source"),
+        ):
+            block = getattr(self, part)
+            said, default = getattr(block, name), getattr(type(block), name)
+            if said not in (default, getattr(self, own)):
+                raise ParameterError(f"rectifier.{part}.{name} = {said:g} is set by rectifier.{own}")
+
+    def build(self, net: Any, name: str, ship: Any) -> None:
+        """Wire the item into the network."""
+        bus, terminals = ship.bus(self.bus), net.bus(f"{self.source}.terminals")
+        L_1 = L_1_PRESETS.get(self.lcl_preset, self.L_1)
+        lcl = LclFilter.per_unit(
+            self.rating, terminals.v_n, terminals.f_n, L_1, self.C, self.L_2, self.R_1, self.R_2, self.damping
+        )
+        control = dataclasses.replace(
+            self.control,
+            S_n=self.rating,
+            V_n=terminals.v_n,
+            f_n=terminals.f_n,
+            V_dc_n=bus.v_n,
+            L_1=lcl.L_1,
+            K_p=self.control.K_p * L_1 / L_1_PAPER,
+            K_i=self.control.K_i * L_1 / L_1_PAPER,
+            K_v=self.dc_droop,
+            K_e=self.ac_droop,
+        )
+        net.capacitance(bus, self.C_dc)
+
+        s = {axis: f"{name}.modulator.s_{axis}" for axis in ("alpha", "beta")}
+        i_1 = {f"i_1_{axis}": f"{name}.lcl.{axis}.i_1" for axis in s}
+        v_c = {f"v_c_{axis}": f"{name}.lcl.{axis}.v_c" for axis in s}
+        (v_dc,) = bus.nodes
+        net.add_three_phase(
+            f"{name}.lcl",
+            lcl,
+            ports={"converter": Pole3(bus, s_alpha=s["alpha"], s_beta=s["beta"]), "grid": terminals},
+            variant=f"{name}.sequence.contacts",
+        )
+        net.add(
+            f"{name}.control",
+            control,
+            inputs=v_c
+            | i_1
+            | {
+                "v_dc": v_dc,
+                "v_dc_ref": f"{name}.sequence.v_dc_ref",
+                "mode": net.command(f"{name}.mode"),
+                "enable": f"{name}.sequence.enable",
+                "limit": f"{name}.sequence.limit",
+            },
+            clock=Sampled(2.0 * self.f_sw),
+        )
+        net.modulator(f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(2.0 * self.f_sw))
+        measured = ("p_dc", "v_d", "v_q", "i_d", "i_q", "i_d_ref", "i_q_ref")
+        net.add(
+            f"{name}.sequence",
+            dataclasses.replace(self.sequence, v_n=terminals.v_n),
+            inputs={
+                "ready": f"{self.source}.sequence.ready",
+                "stop": f"{self.source}.sequence.stop",
+                "v_dc_ref": net.command(f"{name}.v_dc_ref"),
+                "v_dc": v_dc,
+            }
+            | {field: f"{name}.control.{field}" for field in measured},
+            clock=Every(SEQUENCE_PERIOD),
+        )
+
+        for public in type(self).__equipment__.signals:  # type: ignore[attr-defined]
+            net.publish(
+                f"{name}.{public.name}",
+                source=f"{name}.control.{public.name}",
+                unit=public.unit,
+                description=public.description,
+                group=public.group,
+            )
+        net.watch_state(name, f"{name}.sequence.state", states=STATES)
+        net.watch_refusal(name, f"{name}.sequence.refused", reasons=REFUSALS)

@@ -1,0 +1,212 @@
+"""The results of a run as a NetCDF-4 file that grows while the run goes on.
+
+One group per sampling rate (`plant`, `slow`, `waveforms/...`) with its unlimited `time`; one variable per signal, named
+`<equipment>.<symbol>`, with `units` and `long_name`; where a recorder thins a signal out, `<name>_min` and
+`<name>_max` hold the extremes over the interval that ends at each `time`. The group `events` is the event log, the
+group `limiters` the log of active limiters.
+
+Values are stored in single precision (7 digits), time in double. Rows are written in blocks of one HDF5 chunk, so that
+memory stays small; every flush leaves a file that can be read, also if the process is killed afterwards.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+FILE_NAME = "results.nc"
+CHUNK_ROWS = 8192
+"""Rows of one block: 32 kB a variable. A write costs about 0.7 ms whatever its length, so that short blocks are slow;
+100 signals with their extremes wait in 10 MB."""
+FLUSH_S = 20.0
+"""Wall-clock time after which buffered rows are put on the disk, if their block is not full by then."""
+
+Column = tuple[str, str, str]
+"""Name, unit and description of a signal."""
+
+
+class Group:
+    """The variables of one sampling rate, and the rows that wait to be written."""
+
+    def __init__(self, group: netCDF4.Dataset, columns: Sequence[Column], period: float | None):
+        group.createDimension("time", None)
+        self.time = group.createVariable("time", "f8", ("time",), zlib=True, complevel=1, chunksizes=(CHUNK_ROWS,))
+        self.time.units, self.time.long_name = "s", "time since the start of the scenario"
+        if period is not None:
+            group.period_s = period
+        self.group, self.columns = group, list(columns)
+        self.values = [self._variable(name, unit, text) for name, unit, text in self.columns]
+        self.extremes: tuple[list[netCDF4.Variable], list[netCDF4.Variable]] | None = None
+        self.rows = 0
+        self.waiting = 0
+        self.buffer: np.ndarray | None = None
+        self.stamps = np.empty(CHUNK_ROWS)
+
+    def _variable(self, name: str, unit: str, text: str) -> netCDF4.Variable:
+        variable = self.group.createVariable(
+            name, "f4", ("time",), zlib=True, complevel=1, shuffle=True, chunksizes=(CHUNK_ROWS,)
+        )
+        variable.units, variable.long_name = unit, text
+        return variable
+
+    def _begin(self, with_extremes: bool) -> np.ndarray:
+        """Make the buffer, and the variables of the extremes, once the first rows show whether there are any."""
+        if with_extremes:
+            self.extremes = (
+                [self._variable(f"{n}_min", u, f"{text}, smallest since the last row") for n, u, text in self.columns],
+                [self._variable(f"{n}_max", u, f"{text}, largest since the last row") for n, u, text in self.columns],
+            )
+        return np.empty((3 if with_extremes else 1, CHUNK_ROWS, len(self.columns)), np.float32)
+
+    def append(self, time: np.ndarray, layers: Sequence[np.ndarray]) -> None:
+        """Add rows: `time[n]`, and as `layers` the values, or values, lows and highs, each `[n, columns]`."""
+        if self.buffer is None:
+            self.buffer = self._begin(len(layers) == 3)
+        if len(layers) != len(self.buffer):
+            raise ValueError("extremes are recorded for all rows of a group, or for none")
+        done = 0
+        while done < len(time):
+            n = min(len(time) - done, CHUNK_ROWS - self.waiting)
+            place = slice(self.waiting, self.waiting + n)
+            self.stamps[place] = time[done : done + n]
+            for layer, rows in zip(self.buffer, layers, strict=True):
+                layer[place] = rows[done : done + n]
+            self.waiting += n
+            done += n
+            if self.waiting == CHUNK_ROWS:
+                self.write()
+
+    def write(self) -> None:
+        """Put the waiting rows into the file."""
+        if not self.waiting or self.buffer is None:
+            return
+        rows = slice(self.rows, self.rows + self.waiting)
+        lists = (self.values, *self.extremes) if self.extremes is not None else (self.values,)
+        for layer, variables in zip(self.buffer, lists, strict=True):
+            columns = np.ascontiguousarray(layer[: self.waiting].T)
+            for variable, column in zip(variables, columns, strict=True):
+                variable[rows] = column
+        self.time[rows] = self.stamps[: self.waiting]
+        self.rows += self.waiting
+        self.waiting = 0
+
+
+class ResultsWriter:
+    """Write `results.nc` while a run goes on.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Where `results.nc` is made; it must exist.
+    groups : mapping of str to sequence of (name, unit, description)
+        Signals of each group. A name with `/` makes nested groups.
+    periods : mapping of str to float
+        Sampling period of a group [s], where it has a constant one.
+    attributes : mapping of str to str, float or int
+        Provenance and whatever else belongs to the whole file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be made, or the disk is full.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        groups: Mapping[str, Sequence[Column]],
+        periods: Mapping[str, float] | None = None,
+        attributes: Mapping[str, Any] | None = None,
+    ):
+        self.path = Path(folder) / FILE_NAME
+        self.file = netCDF4.Dataset(self.path, "w", format="NETCDF4")
+        self.file.setncatts({"Conventions": "CF-1.11", **(attributes or {})})
+        periods = periods or {}
+        self.groups = {
+            name: Group(self.file.createGroup(name), columns, periods.get(name)) for name, columns in groups.items()
+        }
+        self._event_log = self._table("events", {"time": "f8", "source": str, "text": str})
+        self._limiter_log = self._table("limiters", {"signal": str, "first_s": "f8", "duration_s": "f8", "count": "i8"})
+        self._event_log["time"].units = self._limiter_log["first_s"].units = "s"
+        self._limiter_log["duration_s"].units = "s"
+        self.file.sync()
+        self._flushed = clock.monotonic()
+
+    def _table(self, name: str, columns: Mapping[str, Any]) -> dict[str, netCDF4.Variable]:
+        group = self.file.createGroup(name)
+        group.createDimension("row", None)
+        return {column: group.createVariable(column, kind, ("row",)) for column, kind in columns.items()}
+
+    def append(
+        self,
+        group: str,
+        time: np.ndarray,
+        value: np.ndarray,
+        low: np.ndarray | None = None,
+        high: np.ndarray | None = None,
+    ) -> None:
+        """Add rows to a group.
+
+        Parameters
+        ----------
+        group : str
+            Name of the group.
+        time : ndarray, shape (n,)
+            Instants of the rows [s], increasing.
+        value : ndarray, shape (n, m)
+            Values at these instants, SI, in the order of the group's signals.
+        low, high : ndarray, shape (n, m), optional
+            Extremes over the interval that ends at each instant; in every call of a group, or in none.
+
+        Raises
+        ------
+        ValueError
+            If shapes disagree.
+        OSError
+            If the disk is full.
+        """
+        layers = (value,) if low is None or high is None else (value, low, high)
+        shape = (len(time), len(self.groups[group].columns))
+        if any(layer.shape != shape for layer in layers):
+            raise ValueError(f"group {group!r} expects arrays of shape {shape}, got {[a.shape for a in layers]}")
+        self.groups[group].append(time, layers)
+        if clock.monotonic() - self._flushed > FLUSH_S:
+            self.flush()
+
+    def events(self, rows: Iterable[tuple[float, str, str]]) -> None:
+        """Add to the event log: time [s], source (equipment or command), text."""
+        for t, source, text in rows:
+            n = len(self._event_log["time"])
+            for column, item in zip(("time", "source", "text"), (t, source, text), strict=True):
+                self._event_log[column][n] = item
+
+    def limiters(self, rows: Iterable[tuple[str, float, float, int]]) -> None:
+        """Write the log of active limiters anew: signal, first time active [s], total duration [s], how often."""
+        for n, row in enumerate(rows):
+            for column, item in zip(("signal", "first_s", "duration_s", "count"), row, strict=True):
+                self._limiter_log[column][n] = item
+
+    def flush(self) -> None:
+        """Put everything on the disk; what has been given so far survives the process."""
+        for group in self.groups.values():
+            group.write()
+        self.file.sync()
+        self._flushed = clock.monotonic()
+
+    def close(self) -> None:
+        """Write what waits, and close the file; a second call does nothing."""
+        if self.file.isopen():
+            self.flush()
+            self.file.close()
+
+    def __enter__(self) -> ResultsWriter:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()

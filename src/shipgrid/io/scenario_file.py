@@ -1,0 +1,489 @@
+"""A scenario file read and checked against a ship: a start, a time-line of commands, requirements.
+
+Commands, their units and ranges, and the signals that requirements speak of, are those of the ship's equipment.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from shipgrid.analysis.requirements import MEASURES, Requirement
+from shipgrid.equipment.declaration import Command
+from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.io.quantities import parse_quantity, show_quantity
+from shipgrid.io.ship_file import Catalogue, Ship, check_head, load_ship, open_document, read_ship
+from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, nearest, replaced
+
+STATES = ("moored", "cold")
+"""States a scenario may start from: alongside with what is then on, found from the equations; or all off."""
+
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 1e-3
+"""Range of the step [s]: below, rounding of the currents' differences shows; above, no control loop is sampled."""
+
+SHIP_KEYS = ("ship", "buses", "equipment", "hull")
+"""First steps of the paths that lead into a ship file; all others lead into a scenario."""
+
+
+class Event(NamedTuple):
+    """A command given at a time: `path` becomes `value` (SI) at `at` [s]."""
+
+    at: float
+    path: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A story to run with a ship.
+
+    Attributes
+    ----------
+    name, description : str
+        Name; a sentence.
+    duration : float
+        Length [s].
+    step : float or None
+        Step it asks for [s].
+    start_state : str
+        One of `STATES`.
+    closed : tuple of str
+        Tie breakers that are closed at the start.
+    start_set : mapping of str to float
+        Commands with a value of their own at the start, by path, SI.
+    events : tuple of Event
+        The time-line, in the order of time; commands of one instant in the order of the file.
+    requirements : tuple of Requirement
+        What the run must meet.
+    document : Document
+        The file it was read from, with the changes made since.
+    """
+
+    name: str
+    description: str
+    duration: float
+    step: float | None
+    start_state: str
+    closed: tuple[str, ...]
+    start_set: Mapping[str, float]
+    events: tuple[Event, ...]
+    requirements: tuple[Requirement, ...]
+    document: Document
+
+    @property
+    def text(self) -> str:
+        """The file it was read from, changes included."""
+        return self.document.text()
+
+    def for_ship(self, ship: Ship) -> Scenario:
+        """The same scenario checked against another ship.
+
+        Raises
+        ------
+        InputErrors
+            If it does not fit that ship.
+        """
+        return read_scenario(self.document, ship.catalogue).checked()
+
+    def start_commands(self, ship: Ship) -> dict[str, float]:
+        """Every command of a ship with its value at the start, by path, SI."""
+        fitted = self.for_ship(ship)
+        values = {}
+        for path, command in ship.commands.items():
+            moored = command.default if command.moored is None else command.moored
+            values[path] = moored if self.start_state == "moored" else command.default
+        values |= {f"{name}.close": float(name in self.closed) for name in ship.catalogue.breakers}
+        return {**values, **fitted.start_set}
+
+    def replace(self, path: str, value: str, ship: Ship) -> Scenario:
+        """A variant with one value of the file changed: `scenario.replace("duration", "60 s", ship)`.
+
+        Raises
+        ------
+        InputErrors
+            If the variant is not a valid scenario for that ship.
+        """
+        document = replaced(self.document, path, str(value), f"replace {path}")
+        return read_scenario(document, ship.catalogue).checked()
+
+
+@dataclass(frozen=True)
+class ScenarioReading:
+    """What came of reading a scenario file: a scenario if it has no mistakes."""
+
+    scenario: Scenario | None
+    problems: Problems
+
+    def checked(self) -> Scenario:
+        """The scenario.
+
+        Raises
+        ------
+        InputErrors
+            With all its mistakes, if it has any.
+        """
+        self.problems.raise_if_any()
+        assert self.scenario is not None
+        return self.scenario
+
+
+def load_scenario(
+    name_or_path: str | Path = "mission", ship: Ship | None = None, overrides: Iterable[tuple[str, str]] = ()
+) -> Scenario:
+    """Read a scenario, a bundled one by name or a file by path, for a ship (the ferry if left out).
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a bundled scenario, or a path that ends in `.yaml` or `.yml`.
+    ship : Ship, optional
+        The ship it is checked against.
+    overrides : iterable of (path, value)
+        Entries to change before it is checked, as `--set` does.
+
+    Raises
+    ------
+    InputErrors
+        With every mistake in it.
+    """
+    ship = ship or load_ship()
+    return read_scenario(open_document("scenario", name_or_path), ship.catalogue, overrides).checked()
+
+
+def load_case(
+    ship: str | Path, scenario: str | Path, overrides: Iterable[tuple[str, str]] = ()
+) -> tuple[Ship, Scenario]:
+    """Read a ship and a scenario for it, so that the mistakes of both come in one go.
+
+    Parameters
+    ----------
+    ship, scenario : str or Path
+        Names of bundled ones, or paths.
+    overrides : iterable of (path, value)
+        Changes to either file; the first step of a path tells which (`SHIP_KEYS`).
+
+    Raises
+    ------
+    InputErrors
+        With every mistake in both.
+    """
+    pairs = list(overrides)
+    for_ship = [pair for pair in pairs if pair[0].split(".")[0] in SHIP_KEYS]
+    for_scenario = [pair for pair in pairs if pair not in for_ship]
+    ship_reading = read_ship(open_document("ship", ship), for_ship)
+    scenario_document = open_document("scenario", scenario)
+    # Where not a single item could be read, every command would be unknown: that would be noise.
+    readable = bool(ship_reading.catalogue.signals) or ship_reading.ship is not None
+    reading = read_scenario(scenario_document, ship_reading.catalogue if readable else None, for_scenario)
+    problems = ship_reading.problems.lines() + reading.problems.lines()
+    if problems:
+        raise InputErrors(problems)
+    return ship_reading.checked(), reading.checked()
+
+
+def read_scenario(
+    document: Document, catalogue: Catalogue | None, overrides: Iterable[tuple[str, str]] = ()
+) -> ScenarioReading:
+    """Check a scenario document against what a ship offers (None: all that can be checked without one)."""
+    for path, value in overrides:
+        document = replaced(document, path, value, f"--set {path}={value}")
+    return _ScenarioReader(document, catalogue).read()
+
+
+class _ScenarioReader:
+    def __init__(self, document: Document, catalogue: Catalogue | None):
+        self.document = document
+        self.catalogue = catalogue or Catalogue({}, {}, (), frozenset())
+        self.blind = catalogue is None
+        self.problems = Problems(list(document.problems.found))
+        self.duration = math.inf
+
+    def read(self) -> ScenarioReading:
+        root = self.document.root
+        if not root.entries:
+            return ScenarioReading(None, self.problems)
+        keys = ("schema", "scenario", "description", "duration", "step", "start", "timeline", "requirements")
+        check_head(root, self.problems, keys)
+        name = self.text(root, "scenario", "", "the name of the scenario")
+        duration = self.time(root, "duration", "", required=True)
+        if duration == 0.0:
+            self.problems.add(root.entries["duration"].place, "duration", "nothing lasts 0 s, expected more")
+        elif duration is not None:
+            self.duration = duration
+        step = self.step(root)
+        state, closed, chosen = self.start(root)
+        events = self.timeline(root)
+        requirements = self.requirements(root)
+        if self.problems or self.blind:
+            return ScenarioReading(None, self.problems)
+        assert name is not None
+        node = root.get("description")
+        description = node.text if isinstance(node, Scalar) else ""
+        scenario = Scenario(
+            name, description, self.duration, step, state, closed, chosen, events, requirements, self.document
+        )
+        return ScenarioReading(scenario, self.problems)
+
+    def step(self, root: Section) -> float | None:
+        node = root.get("step")
+        if node is None:
+            return None
+        value = self.quantity(node, "s", "step")
+        if value is not None and not SHORTEST_STEP <= value <= LONGEST_STEP:
+            self.problems.add(node.place, "step", f"is out of range, expected {step_range()}")
+        return value
+
+    # Entries of a section
+
+    def known(self, section: Section, path: str, keys: tuple[str, ...]) -> None:
+        for key, _ in section:
+            if key not in keys:
+                self.problems.add(section.keys[key], f"{path}.{key}", f"no such key{nearest(key, keys)}")
+
+    def text(self, section: Section, key: str, path: str, what: str) -> str | None:
+        inside = f"{path}.{key}" if path else key
+        node = section.get(key)
+        if node is None:
+            self.problems.add(section.place, inside, f"missing, expected {what}")
+        elif not isinstance(node, Scalar) or node.empty:
+            self.problems.add(node.place, inside, f"is not one value, expected {what}")
+        else:
+            return node.text
+        return None
+
+    def quantity(self, node: Node, unit: str, path: str) -> float | None:
+        if not isinstance(node, Scalar):
+            self.problems.add(node.place, path, f"is not one value, expected a quantity in {unit}")
+            return None
+        try:
+            return parse_quantity(node.text, unit)
+        except ParameterError as wrong:
+            self.problems.add(node.place, path, str(wrong))
+        return None
+
+    def time(self, section: Section, key: str, path: str, *, required: bool = False) -> float | None:
+        """A time within the scenario, or None."""
+        inside = f"{path}.{key}" if path else key
+        node = section.get(key)
+        if node is None:
+            if required:
+                self.problems.add(section.place, inside, "missing, expected a time, such as '600 s'")
+            return None
+        value = self.quantity(node, "s", inside)
+        if value is None:
+            return None
+        assert isinstance(node, Scalar)
+        if value < 0.0:
+            self.problems.add(node.place, inside, f"{node.text} is before the start, expected 0 s or later")
+            return None
+        if value > self.duration:
+            end = show_quantity(self.duration, "s")
+            self.problems.add(node.place, inside, f"{node.text} is after the end, expected at most {end} (duration)")
+            return None
+        return value
+
+    def listing(self, root: Section, key: str, example: str) -> tuple[tuple[str, Section], ...]:
+        node = root.get(key)
+        if node is None or (isinstance(node, Scalar) and node.empty):
+            return ()
+        if not isinstance(node, Listing):
+            self.problems.add(node.place, key, f"is not a list, expected entries such as '- {example}'")
+            return ()
+        found = []
+        for k, item in enumerate(node.items):
+            if isinstance(item, Section):
+                found.append((f"{key}.{k}", item))
+            else:
+                self.problems.add(item.place, f"{key}.{k}", f"is not a mapping, expected {example}")
+        return tuple(found)
+
+    # Start
+
+    def start(self, root: Section) -> tuple[str, tuple[str, ...], dict[str, float]]:
+        node = root.get("start")
+        if not isinstance(node, Section):
+            what = "missing" if node is None else "is not a mapping"
+            place = root.place if node is None else node.place
+            self.problems.add(place, "start", f"{what}, expected {{state: {' or '.join(STATES)}, ...}}")
+            return "", (), {}
+        self.known(node, "start", ("state", "closed", "set"))
+        state = self.text(node, "state", "start", " or ".join(STATES))
+        if state is not None and state not in STATES:
+            place = node.entries["state"].place
+            self.problems.add(place, "start.state", f"no state '{state}', expected {' or '.join(STATES)}")
+        chosen = {path: value for path, value, _ in self.commands(node.get("set"), "start.set")}
+        return state or "", self.closed(node), chosen
+
+    def closed(self, section: Section) -> tuple[str, ...]:
+        node = section.get("closed")
+        if node is None:
+            return ()
+        if not isinstance(node, Listing):
+            self.problems.add(node.place, "start.closed", "is not a list, expected names of breakers, [dc_tie]")
+            return ()
+        names = []
+        for k, item in enumerate(node.items):
+            name = item.text if isinstance(item, Scalar) else ""
+            if not self.unjudged(name) and name not in self.catalogue.breakers:
+                hint = nearest(name, self.catalogue.breakers)
+                self.problems.add(item.place, f"start.closed.{k}", f"no breaker '{name}'{hint}, expected one")
+            else:
+                names.append(name)
+        return tuple(names)
+
+    # Time-line
+
+    def timeline(self, root: Section) -> tuple[Event, ...]:
+        events: list[Event] = []
+        given: dict[tuple[float, str], Place] = {}
+        for path, section in self.listing(root, "timeline", "{at: 10 s, set: {propulsion_for.speed_ref: 6 kn}}"):
+            self.known(section, path, ("at", "set", "description"))
+            at = self.time(section, "at", path, required=True)
+            if "set" not in section:
+                self.problems.add(section.place, f"{path}.set", "missing, expected {command: value, ...}")
+            commands = self.commands(section.get("set"), f"{path}.set")
+            if at is None:
+                continue
+            for command, value, node in commands:
+                if (at, command) in given:
+                    first = given[at, command].line
+                    what = f"is given at {show_quantity(at, 's')} on line {first} too; expected once"
+                    self.problems.add(node.place, f"{path}.set.{command}", what)
+                given[at, command] = node.place
+                events.append(Event(at, command, value))
+        return tuple(sorted(events, key=lambda event: event.at))
+
+    def commands(self, node: Node | None, path: str) -> list[tuple[str, float, Scalar]]:
+        """Commands of a `set` with their values."""
+        if node is None:
+            return []
+        if not isinstance(node, Section):
+            self.problems.add(node.place, path, "is not a mapping, expected {command: value, ...}")
+            return []
+        found = []
+        for name, value_node in node:
+            inside = f"{path}.{name}"
+            command = self.catalogue.commands.get(name)
+            if command is None:
+                if not self.unjudged(name):
+                    self.problems.add(node.keys[name], inside, self.no_command(name))
+            elif not isinstance(value_node, Scalar) or value_node.empty:
+                self.problems.add(value_node.place, inside, f"is not one value, expected {_range(command)}")
+            else:
+                value = self.command_value(command, value_node, inside)
+                if value is not None:
+                    found.append((name, value, value_node))
+        return found
+
+    def unjudged(self, path: str) -> bool:
+        """Whether nothing can be said about a name, because the ship file has a mistake about its owner."""
+        return self.blind or path.partition(".")[0] in self.catalogue.unreadable
+
+    def no_command(self, name: str) -> str:
+        item, _, short = name.rpartition(".")
+        siblings = [path.rpartition(".")[2] for path in self.catalogue.commands if path.rpartition(".")[0] == item]
+        if siblings:
+            return f"{item} has no command '{short}'{nearest(short, siblings)}, expected one"
+        return f"no such command{nearest(name, self.catalogue.commands)}, expected one of `shipgrid list commands`"
+
+    def command_value(self, command: Command, node: Scalar, path: str) -> float | None:
+        if command.words is not None:
+            if node.text not in command.words:
+                self.problems.add(node.place, path, f"'{node.text}' is not a choice, expected {_range(command)}")
+                return None
+            return command.words[node.text]
+        value = self.quantity(node, command.unit, path)
+        if value is not None and not command.low <= value <= command.high:
+            self.problems.add(node.place, path, f"{node.text} is out of range, expected {_range(command)}")
+            return None
+        return value
+
+    # Requirements
+
+    def requirements(self, root: Section) -> tuple[Requirement, ...]:
+        found: list[Requirement] = []
+        places: dict[str, Place] = {}
+        keys = ("name", "signal", *MEASURES, "from", "until", "description")
+        for path, section in self.listing(root, "requirements", "{name: .., signal: dc_for.v_dc, max: 785 V}"):
+            self.known(section, path, keys)
+            name = self.text(section, "name", path, "a name")
+            if name is not None and name in places:
+                what = f"'{name}' is the name of the requirement on line {places[name].line} too, expected another"
+                self.problems.add(section.entries["name"].place, f"{path}.name", what)
+            elif name is not None:
+                places[name] = section.entries["name"].place
+            requirement = self.requirement(section, path, name or "")
+            if requirement is not None:
+                found.append(requirement)
+        return tuple(found)
+
+    def requirement(self, section: Section, path: str, name: str) -> Requirement | None:
+        before = len(self.problems)
+        unit = None
+        signal = self.text(section, "signal", path, "the name of a signal")
+        if signal is not None and not self.unjudged(signal):
+            published = self.catalogue.signals.get(signal)
+            if published is None:
+                hint = nearest(signal, self.catalogue.signals)
+                what = f"no signal '{signal}'{hint}, expected one of `shipgrid list signals`"
+                self.problems.add(section.entries["signal"].place, f"{path}.signal", what)
+            else:
+                unit = published.unit
+        measure = self.measure(section, path)
+        limits = None if unit is None or measure is None else self.limits(section, path, measure, unit)
+        start, end = self.window(section, path)
+        if len(self.problems) > before or signal is None or measure is None or limits is None:
+            return None
+        return Requirement(name, signal, measure, *limits, start, end)
+
+    def measure(self, section: Section, path: str) -> str | None:
+        given = [measure for measure in MEASURES if measure in section]
+        if len(given) == 1:
+            return given[0]
+        what = f"has {' and '.join(given)}" if given else "has no limit"
+        self.problems.add(section.place, path, f"{what}, expected one of {', '.join(MEASURES)}")
+        return None
+
+    def limits(self, section: Section, path: str, measure: str, unit: str) -> tuple[float, float] | None:
+        """Lower and upper limit of a measure in SI, or None."""
+        node, inside = section.entries[measure], f"{path}.{measure}"
+        if measure in ("band", "mean"):
+            if not isinstance(node, Listing) or len(node.items) != 2:
+                self.problems.add(node.place, inside, "is not a pair, expected [low, high]")
+                return None
+            low, high = (self.quantity(item, unit, f"{inside}.{k}") for k, item in enumerate(node.items))
+            if low is None or high is None:
+                return None
+            if low >= high:
+                self.problems.add(node.place, inside, "the lower limit is not below the upper, expected [low, high]")
+            return low, high
+        value = self.quantity(node, unit, inside)
+        if value is None:
+            return None
+        if measure == "min":
+            return value, math.inf
+        return (0.0 if measure == "abs_max" else -math.inf), value
+
+    def window(self, section: Section, path: str) -> tuple[float, float]:
+        start, end = self.time(section, "from", path) or 0.0, self.time(section, "until", path)
+        if start >= (self.duration if end is None else end):
+            key = "from" if end is None else "until"
+            place = section.entries[key].place
+            what = "the window ends before it begins, expected 'from' before 'until' and before the end"
+            self.problems.add(place, f"{path}.{key}", what)
+        return start, math.inf if end is None else end
+
+
+def step_range() -> str:
+    """The steps that can be asked for, in words."""
+    return f"{show_quantity(SHORTEST_STEP * 1e6, 'us')} .. {show_quantity(LONGEST_STEP * 1e6, 'us')}"
+
+
+def _range(command: Command) -> str:
+    """What a command takes, in words."""
+    if command.words is not None:
+        return " or ".join(command.words)
+    return f"{command.low:g} .. {show_quantity(command.high, command.unit)} ({command.description})"

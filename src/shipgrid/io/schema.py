@@ -1,0 +1,169 @@
+"""JSON Schema of ship and scenario files, generated from the declarations, for editors.
+
+`python -m shipgrid.io.schema FOLDER` writes `ship.schema.json` and `scenario.schema.json`. An editor then completes
+keys and shows their meaning; bounds and units are checked by `shipgrid check` alone, which knows them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from shipgrid.analysis.requirements import MEASURES
+from shipgrid.equipment.declaration import EQUIPMENT
+from shipgrid.io.quantities import EXAMPLES
+from shipgrid.io.scenario_file import STATES
+from shipgrid.io.ship_file import BUSBARS, default_of, fields_of_kind, is_required
+from shipgrid.model.component import load_all, unit_of
+
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+_NAMES = {"pattern": "^[a-z][a-z0-9_]*$"}
+_TIME = {"type": "string", "description": "a time with its unit [s]", "examples": ["10 s", "5 min"]}
+_VALUE = {"type": ["string", "number", "boolean"], "description": "a quantity with its unit, a word, or true or false"}
+
+
+def ship_schema() -> dict[str, Any]:
+    """JSON Schema of a ship file."""
+    load_all()
+    items = [_kind(name, kind.cls) for name, kind in EQUIPMENT.items() if name != "hull"]
+    properties: dict[str, Any] = {
+        "schema": {"const": 1},
+        "ship": {"type": "string", "description": "name of the ship"},
+        "description": {"type": "string"},
+        "buses": _named(_by_kind([_kind(name, cls) for name, cls in BUSBARS.items()])),
+        "equipment": _named(_by_kind(items)),
+    }
+    if "hull" in EQUIPMENT:
+        properties["hull"] = _object(EQUIPMENT["hull"].cls)
+    return _root("ship", properties, ["schema", "ship", "buses", "equipment"])
+
+
+def scenario_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario file; commands and signals are those of the ship, and not listed in it."""
+    commands = {"type": "object", "additionalProperties": _VALUE}
+    event = {
+        "type": "object",
+        "properties": {"at": _TIME, "set": commands, "description": {"type": "string"}},
+        "required": ["at", "set"],
+        "additionalProperties": False,
+    }
+    limit = {"type": ["string", "number"], "description": "in the unit of the signal"}
+    pair = {"type": "array", "items": limit, "minItems": 2, "maxItems": 2}
+    requirement = {
+        "type": "object",
+        "properties": {
+            "name": {"type": "string"},
+            "signal": {"type": "string", "examples": ["dc_for.v_dc"]},
+            "description": {"type": "string"},
+            **{measure: pair if measure in ("band", "mean") else limit for measure in MEASURES},
+            "from": _TIME,
+            "until": _TIME,
+        },
+        "required": ["name", "signal"],
+        "oneOf": [{"required": [measure]} for measure in MEASURES],
+        "additionalProperties": False,
+    }
+    start = {
+        "type": "object",
+        "properties": {
+            "state": {"enum": list(STATES)},
+            "closed": {"type": "array", "items": {"type": "string"}, "description": "tie breakers that are closed"},
+            "set": commands,
+        },
+        "required": ["state"],
+        "additionalProperties": False,
+    }
+    properties = {
+        "schema": {"const": 1},
+        "scenario": {"type": "string", "description": "name of the scenario"},
+        "description": {"type": "string"},
+        "duration": _TIME,
+        "step": _TIME,
+        "start": start,
+        "timeline": {"type": "array", "items": event},
+        "requirements": {"type": "array", "items": requirement},
+    }
+    return _root("scenario", properties, ["schema", "scenario", "duration", "start"])
+
+
+def write_schemas(folder: str | Path) -> list[Path]:
+    """Write both schemas into a folder; returns their paths."""
+    written = []
+    for name, schema in (("ship", ship_schema()), ("scenario", scenario_schema())):
+        path = Path(folder) / f"{name}.schema.json"
+        path.write_text(json.dumps(schema, indent=2) + "\n", encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _root(what: str, properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
+    return {
+        "$schema": _DRAFT,
+        "title": f"shipgrid {what} file",
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": False,
+    }
+
+
+def _named(item: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "propertyNames": _NAMES, "additionalProperties": item}
+
+
+def _by_kind(kinds: list[dict[str, Any]]) -> dict[str, Any]:
+    """One of several kinds, told apart by `kind`, so that an editor's complaint is about the right one."""
+    names = [kind["properties"]["kind"]["const"] for kind in kinds]
+    branches = [
+        {"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]}, "then": kind}
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+    return {"type": "object", "properties": {"kind": {"enum": names}}, "required": ["kind"], "allOf": branches}
+
+
+def _kind(name: str, cls: type) -> dict[str, Any]:
+    schema = _object(cls)
+    schema["properties"] = {"kind": {"const": name}, **schema["properties"]}
+    return schema
+
+
+def _object(cls: type) -> dict[str, Any]:
+    fields = fields_of_kind(cls)
+    return {
+        "type": "object",
+        "description": (cls.__doc__ or "").strip().splitlines()[0],
+        "properties": {key: _field(field, hint) for key, (field, hint) in fields.items()},
+        "required": [key for key, (field, _) in fields.items() if is_required(field)],
+        "additionalProperties": False,
+    }
+
+
+def _field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
+    if "block" in field.metadata:
+        return _object(field.metadata["block"])
+    schema: dict[str, Any] = {"type": "string", "description": field.metadata.get("description", "")}
+    unit = unit_of(hint)
+    if "choice" in field.metadata:
+        schema["enum"] = list(field.metadata["choice"])
+    elif unit is not None:
+        bounds = field.metadata.get("bounds")
+        schema["type"] = ["string", "number"] if unit == "1" else "string"
+        schema["description"] = f"{bounds.description if bounds else field.name} [{unit}]" + (
+            f", {bounds}" if bounds else ""
+        )
+        if unit in EXAMPLES:
+            schema["examples"] = [EXAMPLES[unit]]
+    elif hint is bool:
+        schema["type"] = "boolean"
+    if not is_required(field):
+        default = default_of(field)
+        schema["description"] += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
+    return schema
+
+
+if __name__ == "__main__":
+    for path in write_schemas(sys.argv[1] if len(sys.argv) > 1 else "."):
+        print(path)

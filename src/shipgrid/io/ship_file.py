@@ -1,0 +1,692 @@
+"""A ship file read, checked as a whole against the declarations of the equipment, and built into a network.
+
+What a file may say is what `shipgrid.equipment` declares; there is no second list here. Every mistake is found before
+anything is built, and named by file, line and path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import typing
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from shipgrid.components.electrical.bar_meter import BarMeter
+from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
+from shipgrid.errors import ParameterError, ShipgridError
+from shipgrid.io.quantities import expectation, parse_quantity
+from shipgrid.io.yaml_lines import (
+    Document,
+    Node,
+    Place,
+    Problems,
+    Scalar,
+    Section,
+    nearest,
+    read_document,
+    replaced,
+)
+from shipgrid.model.component import Bounds, load_all, param, unit_of
+from shipgrid.model.network import Every, Network
+from shipgrid.units import Farad, Hertz, Ohm, Volt
+
+BUILD_ORDER = (
+    "genset",
+    "rectifier",
+    "bess",
+    "propulsion",
+    "hull",
+    "inverter",
+    "ac_load",
+    "dc_breaker",
+    "ac_breaker",
+)
+"""Kinds in the order in which items are built; kinds not named here follow, in the order of the file."""
+
+FEEDS = {
+    "rectifier": (None, "bus"),
+    "bess": (None, "bus"),
+    "inverter": ("bus", "grid"),
+    "dc_breaker": ("from_", "to"),
+    "ac_breaker": ("from_", "to"),
+}
+"""Kinds that feed a bus: field of the bus the power comes from (None: a source of its own), field of the bus fed."""
+
+BOTH_WAYS = ("dc_breaker", "ac_breaker")
+"""Kinds in `FEEDS` through which power goes in either direction."""
+
+NEED_HULL = ("propulsion",)
+"""Kinds that push a hull."""
+
+METER_PERIOD = 1e-3
+"""Clock of the AC bars' meters [s]: a sixteenth of a period of 60 Hz."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+busbar = dataclass(frozen=True, kw_only=True)
+
+
+@busbar
+class DcBusbar:
+    """A DC bus of the ship; `bleeder` keeps it defined when nothing is connected."""
+
+    v_n: Volt = param("nominal voltage, pole to pole", above=0.0)
+    bleeder: Ohm = param("bleeder resistance, pole to pole", default=5e3, above=0.0, source="docs/theory/network.md")
+    capacitance: Farad = param("capacitance besides that of the equipment", default=0.0, at_least=0.0)
+
+    signals: typing.ClassVar = (Published("v_dc", "V", "main bus voltage"),)
+
+
+@busbar
+class AcBusbar:
+    """A three-wire AC bus of the ship."""
+
+    v_n: Volt = param("nominal voltage, line to line, rms", above=0.0)
+    f_n: Hertz = param("nominal frequency", above=0.0)
+
+    signals: typing.ClassVar = (
+        Published("v_pu", "1", "bus voltage over nominal"),
+        Published("f", "Hz", "bus frequency"),
+    )
+
+
+BUSBARS: dict[str, type] = {"dc": DcBusbar, "ac": AcBusbar}
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Commands and public signals of a ship, by path: what a scenario can say about it.
+
+    It exists for a ship with mistakes in it, too, so that the mistakes of a scenario are found in the same go;
+    `unreadable` are then the items and buses whose kind is not known.
+    """
+
+    commands: Mapping[str, Command]
+    signals: Mapping[str, Published]
+    breakers: tuple[str, ...]
+    unreadable: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Ship:
+    """Equipment on buses, as a ship file says it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the ship.
+    buses : mapping of str to DcBusbar or AcBusbar
+        Buses by name.
+    equipment : mapping of str to object
+        Plant items by name, each an instance of its kind's class; the hull is not among them.
+    hull : object or None
+        The hull, of the kind `hull`.
+    document : Document
+        The file it was read from, with the changes made since.
+    """
+
+    name: str
+    buses: Mapping[str, Any]
+    equipment: Mapping[str, Any]
+    hull: Any
+    document: Document
+
+    @property
+    def text(self) -> str:
+        """The file it was read from, changes included."""
+        return self.document.text()
+
+    def item(self, name: str) -> Any:
+        """The plant item of that name.
+
+        Raises
+        ------
+        ParameterError
+            If there is none.
+        """
+        if name not in self.equipment:
+            raise ParameterError(f"{self.name} has no item '{name}'{nearest(name, self.equipment)}")
+        return self.equipment[name]
+
+    def items(self, kind: str) -> dict[str, Any]:
+        """All items of a kind, by name."""
+        return {name: item for name, item in self.equipment.items() if kind_of(item).kind == kind}
+
+    def replace(self, path: str, value: str) -> Ship:
+        """A variant with one value changed: `ship.replace("equipment.bess_for.capacity", "160 Ah")`.
+
+        Parameters
+        ----------
+        path : str
+            Path in the ship file.
+        value : str
+            As it would stand in the file.
+
+        Raises
+        ------
+        InputErrors
+            If the variant is not a valid ship.
+        """
+        return read_ship(replaced(self.document, path, str(value), f"replace {path}")).checked()
+
+    @cached_property
+    def catalogue(self) -> Catalogue:
+        """Commands and public signals, by path."""
+        network = Network(self.name)
+        self.build(network)
+        signals = {n: Published(n, s.unit, s.description, s.group) for n, s in network.published.items()}
+        breakers = _breakers({name: kind_of(item) for name, item in self.equipment.items()})
+        return Catalogue(self.commands, signals, breakers)
+
+    @cached_property
+    def commands(self) -> Mapping[str, Command]:
+        """Commands by path, `bess_for.i_ref`."""
+        return _commands({name: kind_of(item) for name, item in self.equipment.items()})
+
+    @property
+    def signals(self) -> Mapping[str, Published]:
+        """Public signals by path, `bess_for.soc`: what the built network publishes."""
+        return self.catalogue.signals
+
+    def build(self, network: Any, start: Mapping[str, float] | None = None) -> None:
+        """Build buses and items into a `Network`, sources first (`BUILD_ORDER`).
+
+        Parameters
+        ----------
+        network : Network
+            An empty one.
+        start : mapping of str to float, optional
+            Values of commands at the start, by path (`Scenario.start.commands`); their defaults where left out.
+        """
+        for path, command in self.commands.items():
+            network.command(path, (start or {}).get(path, command.default))
+        for name, bar in self.buses.items():
+            if isinstance(bar, DcBusbar):
+                bus = network.dc_bus(name, bar.v_n)
+                network.conductance(bus, 1.0 / bar.bleeder)
+                if bar.capacitance > 0.0:
+                    network.capacitance(bus, bar.capacitance)
+                (signal,) = bar.signals
+                network.publish(f"{name}.v_dc", source=f"{name}.v_dc", unit=signal.unit, description=signal.description)
+            else:
+                network.ac_bus(name, bar.v_n, bar.f_n)
+                network.add(
+                    f"{name}.meter",
+                    BarMeter(v_n=bar.v_n, f_n=bar.f_n),
+                    inputs={"v_alpha": f"{name}.v_alpha", "v_beta": f"{name}.v_beta"},
+                    clock=Every(METER_PERIOD),
+                )
+                for signal in bar.signals:
+                    network.publish(
+                        f"{name}.{signal.name}",
+                        source=f"{name}.meter.{signal.name}",
+                        unit=signal.unit,
+                        description=signal.description,
+                    )
+        view = ShipInNetwork(self, network)
+        for name, item in self._in_build_order():
+            item.build(network, name, view)
+
+    def _in_build_order(self) -> list[tuple[str, Any]]:
+        rank = {kind: k for k, kind in enumerate(BUILD_ORDER)}
+        everything = list(self.equipment.items())
+        if self.hull is not None:
+            everything.append(("hull", self.hull))
+        return sorted(everything, key=lambda named: rank.get(kind_of(named[1]).kind, len(rank)))
+
+
+@dataclass(frozen=True)
+class ShipInNetwork:
+    """What an item sees of its ship while it is built: the other items, and the buses in the network."""
+
+    ship: Ship
+    network: Any
+
+    def bus(self, name: str) -> Any:
+        """The bus of that name, in the network."""
+        return self.network.bus(name)
+
+    def item(self, name: str) -> Any:
+        """The plant item of that name."""
+        return self.ship.item(name)
+
+    def items(self, kind: str) -> dict[str, Any]:
+        """All items of a kind, by name."""
+        return self.ship.items(kind)
+
+    @property
+    def hull(self) -> Any:
+        """The hull."""
+        return self.ship.hull
+
+    @property
+    def name(self) -> str:
+        """Name of the ship."""
+        return self.ship.name
+
+
+@dataclass(frozen=True)
+class ShipReading:
+    """What came of reading a ship file: a ship if it has no mistakes, and in any case what a scenario can refer to."""
+
+    ship: Ship | None
+    problems: Problems
+    catalogue: Catalogue
+
+    def checked(self) -> Ship:
+        """The ship.
+
+        Raises
+        ------
+        InputErrors
+            With all its mistakes, if it has any.
+        """
+        self.problems.raise_if_any()
+        assert self.ship is not None
+        return self.ship
+
+
+def load_ship(name_or_path: str | Path = "ferry", overrides: Iterable[tuple[str, str]] = ()) -> Ship:
+    """Read a ship, a bundled one by name or a file by path.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a bundled ship, or a path that ends in `.yaml` or `.yml`.
+    overrides : iterable of (path, value)
+        Entries to change before it is checked, as `--set` does.
+
+    Raises
+    ------
+    InputErrors
+        With every mistake in it.
+    """
+    return read_ship(open_document("ship", name_or_path), overrides).checked()
+
+
+def bundled(what: str) -> dict[str, Path]:
+    """Bundled files by name; `what` is `ship` or `scenario`."""
+    folder = {"ship": "vessels", "scenario": "scenarios/library"}[what]
+    root = Path(str(files("shipgrid"))) / folder
+    return {path.stem: path for path in sorted(root.glob("*.yaml"))}
+
+
+def open_document(what: str, name_or_path: str | Path) -> Document:
+    """Read a bundled file by name or any file by path; a wrong name is among its problems."""
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
+        return read_document(text)
+    known = bundled(what)
+    if text in known:
+        return read_document(known[text], f"{text}.yaml")
+    problems = Problems()
+    expected = f"no bundled {what} of that name{nearest(text, known)}; expected one, or the path of a .yaml file"
+    problems.add(Place(text), "", expected)
+    return Document(Section({}, {}, Place(text)), text, problems)
+
+
+def kind_of(item: Any) -> EquipmentType:
+    """Equipment type of a plant item."""
+    return item.__equipment__
+
+
+def read_ship(document: Document, overrides: Iterable[tuple[str, str]] = ()) -> ShipReading:
+    """Check a ship document and make the ship of it."""
+    load_all()
+    for path, value in overrides:
+        document = replaced(document, path, value, f"--set {path}={value}")
+    return _ShipReader(document).read()
+
+
+@lru_cache(maxsize=256)
+def fields_of_kind(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Any]]:
+    """What a file may say about an item of a class: field and type by key (`from` for the field `from_`)."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return {f.name.rstrip("_"): (f, hints[f.name]) for f in dataclasses.fields(cls)}
+
+
+def is_required(field: dataclasses.Field[Any]) -> bool:
+    """Whether a field has no default."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """Default of a field that has one."""
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+@dataclass(frozen=True)
+class _Reference:
+    """A name met in the file, to be looked up once all items are known."""
+
+    owner: str
+    field: str
+    name: str
+    kinds: tuple[str, ...]
+    place: Place
+    path: str
+
+
+class _ShipReader:
+    def __init__(self, document: Document):
+        self.document = document
+        self.problems = Problems(list(document.problems.found))
+        self.buses: dict[str, Any] = {}
+        self.bus_kinds: dict[str, str] = {}
+        self.items: dict[str, Any] = {}
+        self.kinds: dict[str, EquipmentType] = {}
+        self.places: dict[str, Place] = {}
+        self.references: list[_Reference] = []
+
+    def read(self) -> ShipReading:
+        root = self.document.root
+        name, hull = "", None
+        # Without a root there is one mistake, that of the syntax; what is missing because of it is not news.
+        if root.entries:
+            self.head(root)
+            name = self.word(root, "ship", "", "the name of the ship") or ""
+            self.read_buses(root)
+            self.read_items(root)
+            hull = self.read_hull(root)
+            self.check_references()
+            self.check_fed()
+        ship = None
+        if not self.problems:
+            ship = Ship(name, dict(self.buses), dict(self.items), hull, self.document)
+            try:
+                return ShipReading(ship, self.problems, ship.catalogue)
+            except ShipgridError as wrong:
+                self.problems.add(root.place, "", str(wrong))
+        return ShipReading(None, self.problems, self.catalogue())
+
+    def catalogue(self) -> Catalogue:
+        """What can be referred to, as far as the items declare it and are readable."""
+        signals = {f"{name}.{s.name}": s for name, kind in self.bus_kinds.items() for s in BUSBARS[kind].signals}
+        named = {**self.kinds, **({"hull": EQUIPMENT["hull"]} if "hull" in self.document.root else {})}
+        signals |= {f"{name}.{s.name}": s for name, kind in named.items() for s in kind.signals}
+        unreadable = frozenset(self.places) - set(self.kinds) - set(self.bus_kinds)
+        return Catalogue(_commands(self.kinds), signals, _breakers(self.kinds), unreadable)
+
+    def head(self, root: Section) -> None:
+        check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull"))
+
+    def word(self, section: Section, key: str, path: str, what: str) -> str | None:
+        inside = f"{path}.{key}" if path else key
+        node = section.get(key)
+        if node is None:
+            self.problems.add(section.place, inside, f"missing, expected {what}")
+        elif not isinstance(node, Scalar) or node.empty:
+            self.problems.add(node.place, inside, f"is not a word, expected {what}")
+        else:
+            return node.text
+        return None
+
+    def sections(self, root: Section, key: str, what: str) -> list[tuple[str, Section, Place]]:
+        node = root.get(key)
+        if node is None or (isinstance(node, Scalar) and node.empty):
+            place = root.place if node is None else node.place
+            self.problems.add(place, key, f"missing, expected {what}")
+            return []
+        if not isinstance(node, Section):
+            self.problems.add(node.place, key, f"is not a mapping, expected {what}")
+            return []
+        found = []
+        for name, inner in node:
+            place = node.keys[name]
+            path = f"{key}.{name}"
+            if _NAME.fullmatch(name) is None or name == "hull":
+                self.problems.add(place, path, "is not a name, expected lower-case letters, digits and _ (not 'hull')")
+            elif name in self.places:
+                self.problems.add(place, path, f"the name is taken on line {self.places[name].line}, expected another")
+            elif not isinstance(inner, Section):
+                self.problems.add(inner.place, path, "is not a mapping, expected {kind: ..., ...}")
+            else:
+                self.places[name] = place
+                found.append((name, inner, place))
+        return found
+
+    def read_buses(self, root: Section) -> None:
+        for name, section, _ in self.sections(root, "buses", "the buses, name: {kind: dc, v_n: 750 V}"):
+            path = f"buses.{name}"
+            kind = self.word(section, "kind", path, "dc or ac")
+            if kind is None:
+                continue
+            if kind not in BUSBARS:
+                place = section.entries["kind"].place
+                self.problems.add(place, f"{path}.kind", f"no kind of bus '{kind}', expected dc or ac")
+                continue
+            self.bus_kinds[name] = kind
+            values = self.fields(BUSBARS[kind], section, path, name, ("kind",))
+            if values is not None:
+                self.buses[name] = BUSBARS[kind](**values)
+
+    def read_items(self, root: Section) -> None:
+        valid = [kind for kind in EQUIPMENT if kind != "hull"]
+        for name, section, place in self.sections(root, "equipment", "the plant items, name: {kind: ..., ...}"):
+            path = f"equipment.{name}"
+            kind = self.word(section, "kind", path, f"one of {', '.join(valid)}")
+            if kind is None:
+                continue
+            if kind not in valid:
+                where = section.entries["kind"].place
+                self.problems.add(where, f"{path}.kind", f"no kind of equipment '{kind}'{nearest(kind, valid)}")
+                continue
+            self.kinds[name] = EQUIPMENT[kind]
+            item = self.instance(EQUIPMENT[kind], section, path, name, place, ("kind",))
+            if item is not None:
+                self.items[name] = item
+
+    def read_hull(self, root: Section) -> Any:
+        if "hull" not in root:
+            pushers = [name for name, kind in self.kinds.items() if kind.kind in NEED_HULL]
+            if pushers:
+                self.problems.add(root.place, "hull", f"missing, expected what {pushers[0]} pushes")
+            return None
+        node = root.entries["hull"]
+        if isinstance(node, Scalar) and node.empty:
+            node = Section({}, {}, node.place)
+        if not isinstance(node, Section):
+            self.problems.add(node.place, "hull", "is not a mapping, expected {displacement: 377 t, ...}")
+            return None
+        return self.instance(EQUIPMENT["hull"], node, "hull", "hull", root.keys["hull"], ())
+
+    def instance(
+        self, kind: EquipmentType, section: Section, path: str, name: str, place: Place, known: tuple[str, ...]
+    ) -> Any:
+        values = self.fields(kind.cls, section, path, name, known)
+        if values is None:
+            return None
+        try:
+            return kind.cls(**values)
+        except ParameterError as wrong:
+            self.problems.add(place, path, str(wrong))
+        return None
+
+    def fields(
+        self, cls: type, section: Section, path: str, owner: str, known: tuple[str, ...]
+    ) -> dict[str, Any] | None:
+        """Values for the fields of a declared class, or None if there is a mistake among them."""
+        before = len(self.problems)
+        declared = fields_of_kind(cls)
+        for key, _ in section:
+            if key not in declared and key not in known:
+                hint = nearest(key, list(declared))
+                self.problems.add(section.keys[key], f"{path}.{key}", f"no such key{hint}, expected one of its kind")
+        values = {}
+        for key, (field, hint) in declared.items():
+            inside = f"{path}.{key}"
+            node = section.get(key)
+            if node is None:
+                self.absent(field, hint, section, inside, owner)
+                continue
+            value = self.value(field, hint, node, inside, owner)
+            if value is not None:
+                values[field.name] = value
+        return values if len(self.problems) == before else None
+
+    def absent(self, field: dataclasses.Field[Any], hint: Any, section: Section, path: str, owner: str) -> None:
+        if is_required(field):
+            self.problems.add(section.place, path, f"missing, expected {_expected(field, hint)}")
+        elif "reference" in field.metadata and default_of(field):
+            self.refer(field, default_of(field), section.place, path, owner)
+
+    def value(self, field: dataclasses.Field[Any], hint: Any, node: Node, path: str, owner: str) -> Any:
+        """Value of one field, or None and a problem."""
+        if "block" in field.metadata:
+            if not isinstance(node, Section):
+                self.problems.add(node.place, path, "is not a mapping, expected {key: value, ...}")
+                return None
+            cls = field.metadata["block"]
+            values = self.fields(cls, node, path, owner, ())
+            return None if values is None else _with_defaults(cls, field.metadata["defaults"], values, self, node, path)
+        if not isinstance(node, Scalar) or node.empty:
+            self.problems.add(node.place, path, f"is not one value, expected {_expected(field, hint)}")
+            return None
+        if "choice" in field.metadata:
+            words = field.metadata["choice"]
+            if node.text not in words:
+                self.problems.add(node.place, path, f"'{node.text}' is no choice, expected {', '.join(words)}")
+                return None
+            return node.text
+        if "reference" in field.metadata:
+            self.refer(field, node.text, node.place, path, owner)
+            return node.text
+        if "name" in field.metadata:
+            return self.new_name(node, path)
+        unit = unit_of(hint)
+        if unit is not None:
+            return self.quantity(node, unit, field.metadata.get("bounds"), path)
+        if hint is bool:
+            if node.text not in ("true", "false"):
+                self.problems.add(node.place, path, f"'{node.text}' is neither, expected true or false")
+                return None
+            return node.text == "true"
+        return node.text
+
+    def new_name(self, node: Scalar, path: str) -> str | None:
+        """A name that the item gives to a part of itself."""
+        if _NAME.fullmatch(node.text) is None:
+            self.problems.add(
+                node.place, path, f"'{node.text}' is not a name, expected lower-case letters, digits and _"
+            )
+        elif node.text in self.places:
+            what = f"the name '{node.text}' is taken on line {self.places[node.text].line}, expected another"
+            self.problems.add(node.place, path, what)
+        else:
+            self.places[node.text] = node.place
+            return node.text
+        return None
+
+    def quantity(self, node: Scalar, unit: str, bounds: Bounds | None, path: str) -> float | None:
+        try:
+            value = parse_quantity(node.text, unit)
+        except ParameterError as wrong:
+            self.problems.add(node.place, path, str(wrong))
+            return None
+        if bounds is not None and not bounds.contains(value):
+            what = f"{node.text} is out of range, expected {_with_unit(bounds, unit)} ({bounds.description})"
+            self.problems.add(node.place, path, what)
+            return None
+        return value
+
+    def refer(self, field: dataclasses.Field[Any], name: str, place: Place, path: str, owner: str) -> None:
+        kinds = tuple(field.metadata["reference"])
+        self.references.append(_Reference(owner, field.name, name, kinds, place, path))
+
+    def check_references(self) -> None:
+        all_kinds = {**{n: k.kind for n, k in self.kinds.items()}, **self.bus_kinds}
+        for reference in self.references:
+            wanted = " or ".join(_named(kind) for kind in reference.kinds)
+            right = [name for name, kind in all_kinds.items() if kind in reference.kinds]
+            if reference.name not in self.places:
+                what = f"there is no '{reference.name}'{nearest(reference.name, right)}, expected the name of {wanted}"
+                self.problems.add(reference.place, reference.path, what)
+            elif reference.name in all_kinds and reference.kinds and reference.name not in right:
+                found = _named(all_kinds[reference.name])
+                what = f"'{reference.name}' is {found}{nearest(reference.name, right)}, expected the name of {wanted}"
+                self.problems.add(reference.place, reference.path, what)
+
+    def check_fed(self) -> None:
+        """Every bus is reached by a source when all breakers are closed."""
+        ends = {(r.owner, r.field): r.name for r in self.references}
+        links = []
+        for name, kind in self.kinds.items():
+            if kind.kind in FEEDS:
+                start, end = FEEDS[kind.kind]
+                source = ends.get((name, start)) if start else ""
+                links.append((source, ends.get((name, end))))
+                if kind.kind in BOTH_WAYS:
+                    links.append((ends.get((name, end)), source))
+        fed = {""}
+        while True:
+            reached = {end for start, end in links if start in fed and end is not None} - fed
+            if not reached:
+                break
+            fed |= reached
+        sources = [kind for kind, (start, _) in FEEDS.items() if start is None or kind == "inverter"]
+        for name in self.bus_kinds:
+            if name not in fed:
+                what = "nobody feeds this bus, even with all breakers closed; expected "
+                self.problems.add(self.places[name], f"buses.{name}", what + ", ".join(map(_named, sources)) + " on it")
+
+
+def check_head(root: Section, problems: Problems, keys: tuple[str, ...]) -> None:
+    """Check the schema number and the keys at the top of a file."""
+    schema = root.get("schema")
+    if schema is None:
+        problems.add(root.place, "schema", "missing, expected 'schema: 1'")
+    elif not isinstance(schema, Scalar) or schema.text != "1":
+        shown = schema.text if isinstance(schema, Scalar) else "this"
+        problems.add(schema.place, "schema", f"'{shown}' is not known to this version, expected 1")
+    for key, _ in root:
+        if key not in keys:
+            problems.add(root.keys[key], key, f"no such key{nearest(key, keys)}")
+
+
+def _commands(kinds: Mapping[str, EquipmentType]) -> dict[str, Command]:
+    return {f"{name}.{command.name}": command for name, kind in kinds.items() for command in kind.commands}
+
+
+def _breakers(kinds: Mapping[str, EquipmentType]) -> tuple[str, ...]:
+    return tuple(name for name, kind in kinds.items() if any(command.name == "close" for command in kind.commands))
+
+
+def _with_defaults(
+    cls: type, defaults: Mapping[str, float], values: Mapping[str, Any], reader: _ShipReader, node: Node, path: str
+) -> Any:
+    try:
+        return cls(**{**defaults, **values})
+    except ParameterError as wrong:
+        reader.problems.add(node.place, path, str(wrong))
+    return None
+
+
+def _expected(field: dataclasses.Field[Any], hint: Any) -> str:
+    """What a field wants, in words."""
+    if "choice" in field.metadata:
+        return f"one of {', '.join(field.metadata['choice'])}"
+    if "reference" in field.metadata:
+        return "the name of " + " or ".join(_named(kind) for kind in field.metadata["reference"])
+    if "block" in field.metadata:
+        return "{key: value, ...}"
+    unit = unit_of(hint)
+    if unit is None:
+        return "a word"
+    bounds = field.metadata.get("bounds")
+    return expectation(unit) + (f" ({bounds.description})" if bounds else "")
+
+
+def _with_unit(bounds: Bounds, unit: str) -> str:
+    return str(bounds) if unit == "1" else f"{bounds} {unit}"
+
+
+def _named(kind: str) -> str:
+    """A kind with its article: `a genset`, `an AC bus`."""
+    words = {"dc": "a DC bus", "ac": "an AC bus"}
+    return words.get(kind) or ("an " if kind[0] in "aeiou" else "a ") + kind

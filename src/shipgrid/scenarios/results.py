@@ -1,0 +1,317 @@
+"""A finished (or interrupted) run, as its output folder has it.
+
+    run = open_results("results/mission-averaged")
+    run["dc_for.v_dc"].sel(time=slice(170, 200)).plot()
+
+Signals are read when they are used, never all at once.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import re
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from shipgrid.analysis.requirements import Series, Verdict
+from shipgrid.errors import InputErrors, ParameterError
+
+if TYPE_CHECKING:
+    import xarray
+
+CITATION = re.compile(r"\[([A-Z][A-Za-z0-9.]*\d[A-Za-z0-9]*)\]")
+"""A citation key in square brackets: starts with a capital, contains a digit."""
+ALWAYS_CITED = "DAgostino2020"
+"""The paper that describes the reference ship and its simulator."""
+TABLES = ("events", "limiters")
+
+
+class Event(NamedTuple):
+    """Something that happened: time [s], who reports it, and what."""
+
+    time: float
+    source: str
+    text: str
+
+
+class Limiter(NamedTuple):
+    """A limiter that acted: its signal, when first [s], for how long in total [s], and how many times."""
+
+    signal: str
+    first_s: float
+    duration_s: float
+    times: int
+
+
+class Results:
+    """One run, read from its folder.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Output folder of a run, with `results.nc`; `summary.json` and `run.yaml` are missing while it goes on.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it lies.
+    summary : dict
+        Contents of `summary.json`, empty if there is none yet.
+
+    Raises
+    ------
+    InputErrors
+        If there are no results in the folder, or they cannot be read.
+    """
+
+    def __init__(self, folder: Path | str):
+        import netCDF4
+
+        self.folder = Path(folder)
+        path = self.folder / "results.nc"
+        if not path.is_file():
+            raise InputErrors([f"{self.folder}: no results.nc here, expected the output folder of a run"])
+        try:
+            self._file = netCDF4.Dataset(path, "r")
+        except OSError as error:
+            raise InputErrors([f"{path}: cannot be read as NetCDF-4 ({error})"]) from error
+        summary = self.folder / "summary.json"
+        self.summary: dict[str, Any] = json.loads(summary.read_text()) if summary.is_file() else {}
+        self._where: dict[str, str] = {}
+        self._extremes: set[str] = set()
+        for name, group in _groups(self._file):
+            if name in TABLES or "time" not in group.dimensions:
+                continue
+            for variable in group.variables:
+                base = variable.removesuffix("_min").removesuffix("_max")
+                if base != variable and f"{base}_min" in group.variables and f"{base}_max" in group.variables:
+                    self._extremes.add(base)
+                elif variable != "time" and not (name.startswith("waveforms") and variable in self._where):
+                    self._where[variable] = name
+        self._datasets: dict[str, xarray.Dataset] = {}
+
+    def __repr__(self) -> str:
+        word = (
+            "" if not self.requirements else ", no requirement violated" if self.ok else ", a requirement is violated"
+        )
+        return f"<Results {self.name!r}: {len(self.signals)} signals, {len(self.events)} events{word}>"
+
+    @property
+    def name(self) -> str:
+        """Scenario and fidelity, or the folder's name if the run has no summary yet."""
+        if "scenario" in self.summary:
+            return f"{self.summary['scenario']}-{self.summary.get('fidelity', 'averaged')}"
+        return self.folder.name
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of all recorded signals."""
+        return sorted(self._where)
+
+    def group(self, name: str) -> xarray.Dataset:
+        """All signals of one sampling rate.
+
+        Parameters
+        ----------
+        name : str
+            `plant`, `slow`, `waveforms/...`.
+
+        Returns
+        -------
+        xarray.Dataset
+            Read from the file only where it is used.
+        """
+        import xarray
+
+        if name not in self._datasets:
+            self._datasets[name] = xarray.open_dataset(
+                self.folder / "results.nc", group=name, engine="netcdf4", decode_times=False
+            )
+        return self._datasets[name]
+
+    def __getitem__(self, signal: str) -> xarray.DataArray:
+        """One signal over time, with unit and description; `<signal>_min`, `<signal>_max` are its extremes."""
+        base = signal.removesuffix("_min").removesuffix("_max")
+        where = self._where.get(signal) or (self._where.get(base) if base in self._extremes else None)
+        if where is None:
+            raise ParameterError(f"no signal {signal!r} in {self.folder}{_nearest(signal, self.signals)}")
+        return self.group(where)[signal]
+
+    def __contains__(self, signal: str) -> bool:
+        return signal in self._where
+
+    def series(self, name: str) -> Series | None:
+        """One signal as plain arrays with its extremes; None if it was not recorded.
+
+        Parameters
+        ----------
+        name : str
+            Its public name.
+        """
+        if name not in self._where:
+            return None
+        group = self._file[self._where[name]]
+        low, high = (np.asarray(group[f"{name}_{e}"][:]) if name in self._extremes else None for e in ("min", "max"))
+        return Series(np.asarray(group["time"][:]), np.asarray(group[name][:]), low, high, group[name].units)
+
+    def description(self, signal: str) -> str:
+        """One sentence on what a signal is.
+
+        Parameters
+        ----------
+        signal : str
+            Its public name.
+        """
+        return self._file[self._where[signal]][signal].long_name
+
+    @cached_property
+    def events(self) -> list[Event]:
+        """What happened, in order of time."""
+        return sorted((Event(*row) for row in self._rows("events", Event._fields)), key=lambda e: e.time)
+
+    @cached_property
+    def limiters(self) -> list[Limiter]:
+        """Which limiters acted, when first, how long and how often."""
+        return [Limiter(*row) for row in self._rows("limiters", ("signal", "first_s", "duration_s", "count"))]
+
+    def _rows(self, table: str, columns: Iterable[str]) -> list[tuple]:
+        if table not in self._file.groups:
+            return []
+        group = self._file[table]
+        return list(zip(*(np.asarray(group[column][:]).tolist() for column in columns), strict=True))
+
+    @cached_property
+    def requirements(self) -> list[Verdict]:
+        """What was asked, and what became of it."""
+        known = Verdict.__dataclass_fields__
+        rows = self.summary.get("requirements", [])
+        return [Verdict(**{field: row.get(field) for field in known}) for row in rows]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no requirement was violated; one whose window the run did not reach is not."""
+        return all(verdict.verdict != "violated" for verdict in self.requirements)
+
+    @cached_property
+    def attributes(self) -> dict[str, Any]:
+        """Provenance and whatever else the runner wrote for the whole file."""
+        return {name: self._file.getncattr(name) for name in self._file.ncattrs()}
+
+    @cached_property
+    def settings(self) -> Mapping[str, Any]:
+        """Contents of `run.yaml`, with the ship and the scenario file in it read too; empty if there is none yet."""
+        path = self.folder / "run.yaml"
+        if not path.is_file():
+            return {}
+        from ruamel.yaml import YAML
+
+        yaml = YAML(typ="safe", pure=True)
+        settings = yaml.load(path.read_text(encoding="utf-8")) or {}
+        # Ship and scenario stand there as the text of their files.
+        return {key: yaml.load(value) if key in ("ship", "scenario") else value for key, value in settings.items()}
+
+    def report(self, path: Path | str | None = None) -> Path:
+        """Write the report, one self-contained HTML file.
+
+        Parameters
+        ----------
+        path : Path or str, optional
+            Where to; `report.html` in the run's folder if not given.
+
+        Returns
+        -------
+        Path
+            Where it is.
+        """
+        from shipgrid.io.report import write_report
+
+        return write_report(self, path or self.folder / "report.html")
+
+    def cite(self) -> str:
+        """BibTeX entries of the components and methods this run used."""
+        keys = [ALWAYS_CITED, *str(self.attributes.get("references", "")).split()]
+        return bibliography(dict.fromkeys(keys))
+
+    def close(self) -> None:
+        """Close the file; signals not read yet are no longer available."""
+        for dataset in self._datasets.values():
+            dataset.close()
+        if self._file.isopen():
+            self._file.close()
+
+    def __enter__(self) -> Results:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def open_results(folder: Path | str) -> Results:
+    """Open the output folder of a run.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Where its `results.nc` lies.
+
+    Raises
+    ------
+    InputErrors
+        If there are no readable results.
+    """
+    return Results(folder)
+
+
+def citation_keys(modules: Iterable[str]) -> list[str]:
+    """Keys cited in the docstrings of modules, for the file attribute `references`.
+
+    Parameters
+    ----------
+    modules : iterable of str
+        Full names of the modules of the components and methods a run uses.
+    """
+    texts = (importlib.import_module(name).__doc__ or "" for name in modules)
+    return sorted({key for text in texts for key in CITATION.findall(text)})
+
+
+def bibliography(keys: Iterable[str]) -> str:
+    """BibTeX entries of citation keys.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        Keys of `references.bib`.
+
+    Raises
+    ------
+    ParameterError
+        If a key is not there.
+    """
+    text = files("shipgrid.data").joinpath("references.bib").read_text(encoding="utf-8")
+    entries = {m[1]: m[0].strip() for m in re.finditer(r"^@\w+\{([^,]+),.*?^\}", text, re.MULTILINE | re.DOTALL)}
+    keys = list(keys)
+    missing = [key for key in keys if key not in entries]
+    if missing:
+        raise ParameterError(f"references.bib has no {missing}")
+    return "\n\n".join(entries[key] for key in keys)
+
+
+def _groups(dataset: Any, path: str = "") -> Iterable[tuple[str, Any]]:
+    """All groups of a file with their full names, nested ones too."""
+    for name, group in dataset.groups.items():
+        full = f"{path}/{name}" if path else name
+        yield full, group
+        yield from _groups(group, full)
+
+
+def _nearest(name: str, known: list[str]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, known, 1)
+    return f" (nearest: {close[0]!r})" if close else ""

@@ -1,0 +1,429 @@
+"""Runs a scenario on a ship: time-line, recording, logs, requirements; offline, as fast as it goes."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+import shipgrid
+from shipgrid.analysis.requirements import evaluate
+from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
+from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.errors import ParameterError, SolverError
+from shipgrid.io.output_folder import prepare
+from shipgrid.io.results_file import ResultsWriter
+from shipgrid.model.network import Network
+from shipgrid.scenarios.results import Results, open_results
+
+DEFAULT_STEP = 30e-6
+WALL_PER_CHUNK = 0.25
+"""Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
+BYTES_PER_VALUE = 12
+"""Disk space set aside before a run starts: three single-precision numbers a recorded value, before compression."""
+
+Progress = Callable[[float, float], None]
+
+
+@dataclass
+class Run:
+    """One run under way: a plan, its workspace, and what has been logged so far."""
+
+    plan: Plan
+    work: Workspace
+    events: list[tuple[float, str, str]] = field(default_factory=list)
+    wall_s: float = 0.0
+    interrupted: bool = False
+    failure: str = ""
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.work.n * self.plan.h
+
+
+def build(ship: Any, step: float) -> Plan:
+    """Network and plan of a ship at one step length.
+
+    Parameters
+    ----------
+    ship : Ship
+    step : float
+        Step [s].
+    """
+    network = Network(ship.name)
+    ship.build(network)
+    return assemble(network, step)
+
+
+def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
+    """Workspace at the start a scenario asks for, and the drift left in it.
+
+    Parameters
+    ----------
+    plan : Plan
+    ship : Ship
+    scenario : Scenario
+
+    Returns
+    -------
+    work : Workspace
+    drift : float
+        Of an operating point; 0 for a cold start.
+    """
+    commands = scenario.start_commands(ship)
+    if scenario.start_state == "moored":
+        return operating_point(plan, commands)
+    work = new_workspace(plan)
+    for path, value in commands.items():
+        work.sig[plan.layout.place(f"command:{path}", "start")] = value
+    settle_outputs(plan, work)
+    return work, 0.0
+
+
+def simulate(
+    ship: Any,
+    scenario: Any,
+    *,
+    fidelity: str = "averaged",
+    step: float | None = None,
+    until: float | None = None,
+    out: str | Path | None = None,
+    report: bool = True,
+    progress: Progress | None = None,
+    overrides: Mapping[str, str] | None = None,
+) -> Results:
+    """Run a scenario on a ship and write its output folder.
+
+    Parameters
+    ----------
+    ship : Ship
+    scenario : Scenario
+    fidelity : {"averaged"}
+        Detail of the converters.
+    step : float, optional
+        Step [s]; the scenario's own, or 30 us.
+    until : float, optional
+        End [s], in place of the scenario's.
+    out : path, optional
+        Output folder; `results/<scenario>-<fidelity>` if left out. Replaced whole by rename.
+    report : bool
+        Whether to write `report.html`.
+    progress : callable, optional
+        Called with simulated time and end time [s] several times a second.
+    overrides : mapping of str to str, optional
+        `--set` entries the ship and the scenario were made with, for `run.yaml`.
+
+    Returns
+    -------
+    Results
+        Also if requirements are violated (`ok` is False), or the run was interrupted.
+
+    Raises
+    ------
+    ParameterError
+        If fidelity, step, end or output folder cannot be used; nothing is written then.
+    SolverError
+        If the run diverged; what was computed before is in the output folder.
+    SteadyStateError
+        If the start state asked for does not exist.
+    """
+    began = time.perf_counter()
+    if fidelity != "averaged":
+        raise ParameterError(f"fidelity '{fidelity}' is not available, expected 'averaged'")
+    step = step or scenario.step or DEFAULT_STEP
+    end = scenario.duration if until is None else until
+    if not (math.isfinite(end) and end > 0.0):
+        raise ParameterError(f"until = {end!r} s is not a positive time")
+    plan = build(ship, step)
+    folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end))
+    try:
+        return _simulate(plan, ship, scenario, fidelity, end, folder, report, progress, overrides or {}, began)
+    except BaseException:
+        folder.discard()
+        raise
+
+
+def _simulate(
+    plan: Plan,
+    ship: Any,
+    scenario: Any,
+    fidelity: str,
+    end: float,
+    folder: Any,
+    report: bool,
+    progress: Progress | None,
+    overrides: Mapping[str, str],
+    began: float,
+) -> Results:
+    work, drift = start(plan, ship, scenario)
+    run = Run(plan, work)
+    before = stored_energy(plan, work)
+    columns = {
+        group: [(n, plan.network.published[n].unit, plan.network.published[n].description) for n in names]
+        for group, names in plan.groups.items()
+    }
+    about = provenance()
+    with ResultsWriter(folder.path, columns, plan.record_period, about) as writer:
+        _first_rows(run, writer)
+        startup_s = time.perf_counter() - began
+        go(run, scenario.events, end, writer, progress)
+        writer.events(run.events)
+        limiters = _limiter_rows(run)
+        writer.limiters(limiters)
+    energy, imbalance = energy_balance(plan, work, before)
+    summary: dict[str, Any] = {
+        "scenario": scenario.name,
+        "ship": ship.name,
+        "fidelity": fidelity,
+        "step_s": plan.h,
+        "simulated_s": run.t,
+        "steps": work.n,
+        "wall_s": run.wall_s,
+        "startup_s": startup_s,
+        "us_per_step": 1e6 * run.wall_s / max(1, work.n),
+        "start_drift_per_s": drift,
+        "energy": energy,
+        "energy_balance_error": imbalance,
+        "interrupted": run.interrupted,
+        "failure": run.failure,
+        "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
+        **about,
+    }
+    (folder.path / "summary.json").write_text(json.dumps(summary, indent=1))
+    requirements = [r for r in scenario.requirements if r.start < run.t]
+    summary["requirements"] = [v.as_dict() for v in evaluate(requirements, open_results(folder.path))]
+    (folder.path / "summary.json").write_text(json.dumps(summary, indent=1))
+    (folder.path / "run.yaml").write_text(_run_yaml(ship, scenario, fidelity, plan.h, end, overrides, about))
+    if report:
+        open_results(folder.path).report(folder.path / "report.html")
+    final = folder.commit()
+    if run.failure:
+        raise SolverError(f"{run.failure}; results up to then are in {final}")
+    return open_results(final)
+
+
+def go(
+    run: Run,
+    timeline: Any,
+    end: float,
+    writer: ResultsWriter | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Step a run to its end, giving each command at its step.
+
+    Parameters
+    ----------
+    run : Run
+        Changed in place; stops early at a failure or an interrupt and says so there.
+    timeline : sequence of (float, str, float)
+        Time [s], command path, value; in order of time.
+    end : float
+        Simulated time [s] at which to stop.
+    writer : ResultsWriter, optional
+        Where recorded rows go.
+    progress : callable, optional
+    """
+    plan, work = run.plan, run.work
+    entry, values = woven_entry(plan), arguments(plan, work)
+    last = round(end / plan.h)
+    pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
+    most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
+    chunk = min(most, 2000)
+    began = time.perf_counter()
+    try:
+        while work.n < last:
+            while pending and pending[0][0] <= work.n:
+                _, path, value = pending.pop(0)
+                work.sig[plan.layout.index[f"command:{path}"]] = value
+                run.events.append((run.t, path, _command_text(value)))
+            stop = min(last, work.n + chunk, pending[0][0] if pending else last)
+            now = time.perf_counter()
+            good = work.sig.copy()
+            done = entry(stop - work.n, work.n, *values)
+            took = time.perf_counter() - now
+            work.n += abs(done)
+            _flush(run, writer)
+            if done < 0:
+                run.failure = _culprit(run, good)
+                run.events.append((run.t, plan.network.name, run.failure))
+                break
+            if took > 0.0:
+                chunk = int(min(most, max(500, chunk * WALL_PER_CHUNK / took)))
+            if progress is not None:
+                progress(run.t, end)
+    except KeyboardInterrupt:
+        run.interrupted = True
+        run.events.append((run.t, plan.network.name, "interrupted"))
+    run.wall_s += time.perf_counter() - began
+
+
+def _first_rows(run: Run, writer: ResultsWriter) -> None:
+    step, sig = run.plan.step, run.work.sig
+    at = np.zeros(1)
+    first = sig[step.recorded][None, :]
+    writer.append("plant", at, first, first, first)
+    writer.append("slow", at, sig[step.slow][None, :])
+
+
+def _flush(run: Run, writer: ResultsWriter | None) -> None:
+    """Empty the workspace's buffers into the writer and the event log."""
+    plan, step = run.plan, run.work.step
+    for group, k, every in (("plant", 0, plan.step.record_every), ("slow", 1, plan.step.slow_every)):
+        rows = int(step.rows[k])
+        if rows and writer is not None:
+            newest = run.work.n // every
+            at = (newest - rows + 1 + np.arange(rows)) * every * plan.h
+            if group == "plant":
+                writer.append(group, at, step.value[:rows], step.low[:rows], step.high[:rows])
+            else:
+                writer.append(group, at, step.slow_value[:rows])
+        step.rows[k] = 0
+    count = int(step.event_count[0])
+    for k in range(min(count, EVENTS)):
+        watched = plan.network.watched[step.event_which[k]]
+        code = int(step.event_value[k])
+        if watched.refusal and code == 0:
+            continue
+        text = watched.texts.get(code, f"code {code}")
+        run.events.append(
+            (float(step.event_step[k] * plan.h), watched.owner, f"refused: {text}" if watched.refusal else text)
+        )
+    if count > EVENTS:
+        run.events.append((run.t, plan.network.name, f"{count - EVENTS} further events were not kept"))
+    step.event_count[0] = 0
+
+
+def _limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
+    times = run.work.step.limiter_time
+    return [
+        (path, float(first), float(total), int(count))
+        for path, (total, first, count) in zip(run.plan.limiter_paths, times, strict=True)
+        if count > 0
+    ]
+
+
+def _command_text(value: float) -> str:
+    return f"set to {value:.6g}"
+
+
+def _culprit(run: Run, good: np.ndarray) -> str:
+    """Name the signal that went furthest, against its largest size before."""
+    sig, layout = run.work.sig, run.plan.layout
+    names = [n for n in layout.index if n and not n.startswith("command:")]
+    places = np.array([layout.index[n] for n in names])
+    now, before = sig[places], good[places]
+    not_finite = ~np.isfinite(now)
+    growth = np.where(not_finite, np.inf, np.abs(now) / np.maximum(np.abs(before), 1.0))
+    node = next(
+        (n for n, k in zip(layout.nodes, [layout.index[n] for n in layout.nodes], strict=True) if not np.isfinite(sig[k])),
+        None,
+    )
+    worst = names[int(np.argmax(growth))]
+    value = sig[layout.index[worst]]
+    nodes = [n for n in layout.nodes if abs(sig[layout.index[n]]) > 0.0 or not np.isfinite(sig[layout.index[n]])]
+    at = node or max(nodes, key=lambda n: abs(sig[layout.index[n]]), default="")
+    return (
+        f"diverged at {run.t:.6f} s: {worst} = {value:.4g} {layout.unit.get(worst, '')} "
+        f"(a step before the chunk {good[layout.index[worst]]:.4g}), bus voltage {at} = {sig[layout.index[at]]:.4g} V"
+        if at
+        else f"diverged at {run.t:.6f} s: {worst} = {value:.4g}"
+    )
+
+
+def energy_balance(plan: Plan, work: Workspace, before: Mapping[str, float]) -> tuple[dict[str, dict[str, float]], float]:
+    """Where the energy came from and went, by component, and the relative error of the balance.
+
+    Parameters
+    ----------
+    plan, work
+        A run.
+    before : mapping of str to float
+        `stored_energy` at its start.
+
+    Returns
+    -------
+    ledgers : dict of str to dict of str to float
+        `sources`, `consumers`, `losses`, `stored` (change) in joule by component path.
+    error : float
+        (sources - consumers - losses - stored) over the largest of the sums of what was supplied and taken up.
+    """
+    names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
+    ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
+    for (path, ledger), value in zip(plan.energy_items, work.step.energy, strict=True):
+        place = ledgers[names[ledger]]
+        short = path.removesuffix(".alpha").removesuffix(".beta").removesuffix(".v_alpha").removesuffix(".v_beta")
+        place[short] = place.get(short, 0.0) + float(value)
+    after = stored_energy(plan, work)
+    for path, value in after.items():
+        short = path.removesuffix(".alpha").removesuffix(".beta")
+        ledgers["stored"][short] = ledgers["stored"].get(short, 0.0) + value - before.get(path, 0.0)
+    gross = sum(abs(v) for v in ledgers["sources"].values())
+    net = sum(ledgers["sources"].values()) - sum(sum(ledgers[k].values()) for k in ("consumers", "losses", "stored"))
+    return ledgers, net / gross if gross > 0.0 else 0.0
+
+
+def provenance() -> dict[str, str]:
+    """Versions a result depends on."""
+    try:
+        commit = subprocess.run(
+            ["git", "rev-parse", "HEAD"],
+            cwd=Path(shipgrid.__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        commit = "unknown"
+    return {
+        "version": shipgrid.__version__,
+        "commit": commit,
+        "python": platform.python_version(),
+        "numba": numba.__version__,
+        "numpy": np.__version__,
+        "machine": platform.machine() + f", {os.cpu_count()} cores",
+    }
+
+
+def _bytes_needed(plan: Plan, end: float) -> int:
+    values = sum(
+        len(names) * end / plan.record_period[group] * (BYTES_PER_VALUE if group == "plant" else 4)
+        for group, names in plan.groups.items()
+    )
+    return int(values) + 4_000_000
+
+
+def _run_yaml(
+    ship: Any, scenario: Any, fidelity: str, step: float, end: float, overrides: Mapping[str, str], about: Mapping[str, str]
+) -> str:
+    """Everything needed to repeat the run: the files as read, with the options."""
+    lines = [
+        "# Written by shipgrid: everything needed to repeat this run.",
+        "schema: 1",
+        f"fidelity: {fidelity}",
+        f"step: {step!r} s",
+        f"until: {end!r} s",
+        f"version: {about['version']}",
+        f"commit: {about['commit']}",
+        "set:",
+        *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
+        "ship: |",
+        *(f"  {line}" for line in ship.text.splitlines()),
+        "scenario: |",
+        *(f"  {line}" for line in scenario.text.splitlines()),
+        "",
+    ]
+    return "\n".join(line if line != "set:" or overrides else "set: {}" for line in lines)

@@ -1,0 +1,153 @@
+"""A linear component's equations -> its matrices for one implicit Euler step, the building block of the solver.
+
+The integration rule is SDIRK2 (docs/decisions/0003-integration-rule.md): two implicit Euler steps of the same length
+gamma h, so that one set of matrices a component and a step length is all there is.
+
+    x+ = M x + N u+,   M = (I - gh A)^-1,   N = gh M B          (companion-1)
+    i+ = C x+ + D u+ = C M x + W u+,        W = C N + D         (companion-2)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from shipgrid.errors import ParameterError
+from shipgrid.model.component import type_of
+from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
+
+GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
+"""Diagonal coefficient of SDIRK2 [Alexander1977]: L-stable and of order two."""
+
+KAPPA = (1.0 - GAMMA) / GAMMA
+"""The second stage starts from x0 + KAPPA (x1 - x0)."""
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Continuous-time matrices of a linear component; the columns of B and D are terminals first, then sources.
+
+    Attributes
+    ----------
+    A, B, C, D : ndarray, shapes (n, n), (n, q), (m, n), (m, q)
+        dx/dt = A x + B u, i = C x + D u, SI units; m terminals, q inputs.
+    sources : tuple of str
+        Names of the inputs after the terminals.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    sources: tuple[str, ...]
+
+
+def state_space(item: Any) -> StateSpace:
+    """Read a linear component's matrices off its kernels, one unit vector at a time.
+
+    Parameters
+    ----------
+    item : component instance
+        A component with terminals and without a stamp.
+
+    Returns
+    -------
+    StateSpace
+
+    Raises
+    ------
+    ParameterError
+        If the kernels are not linear, or an output is not the current of a terminal.
+    """
+    kind = type_of(item)
+    p, _ = parameter_record(item)
+    ends = [terminal.v for terminal in kind.terminals]
+    sources = tuple(name for name in names_of(kind.input) if name not in ends)
+    inputs = [*ends, *sources]
+    currents = [terminal.i for terminal in kind.terminals]
+    if sorted(names_of(kind.output)) != sorted(currents):
+        raise ParameterError(f"{kind.name}: the outputs of a linear element are its terminals' currents {currents}")
+    states = names_of(kind.state)
+
+    def evaluate(x_values: dict[str, float], u_values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        x = make_record(kind.state, dict.fromkeys(states, 0.0) | x_values)
+        u = make_record(kind.input, dict.fromkeys(inputs, 0.0) | u_values)
+        dx, y = make_record(kind.state), make_record(kind.output)
+        rate = np.zeros(0)
+        if states:
+            _call(kind.kernels["derivatives"], x=x, u=u, p=p, dx=dx)
+            rate = flat_of(dx).copy()
+        _call(kind.kernels["outputs"], x=x, u=u, p=p, y=y)
+        return rate, np.array([y[name] for name in currents])
+
+    zero = evaluate({}, {})
+    columns_x = [evaluate({name: 1.0}, {}) for name in states]
+    columns_u = [evaluate({}, {name: 1.0}) for name in inputs]
+    everything = evaluate(dict.fromkeys(states, 1.0), dict.fromkeys(inputs, 1.0))
+    n, m, q = len(states), len(ends), len(inputs)
+    A = np.array([c[0] for c in columns_x]).reshape(n, n).T
+    C = np.array([c[1] for c in columns_x]).reshape(n, m).T
+    B = np.array([c[0] for c in columns_u]).reshape(q, n).T
+    D = np.array([c[1] for c in columns_u]).reshape(q, m).T
+    sums = (A.sum(axis=1) + B.sum(axis=1), C.sum(axis=1) + D.sum(axis=1))
+    if any(np.any(z != 0.0) for z in zero) or not all(
+        np.allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.max(np.abs(a), initial=0.0)))
+        for a, b in zip(everything, sums, strict=True)
+    ):
+        raise ParameterError(f"{kind.name}: a network element without a stamp has to be linear in its states and inputs")
+    return StateSpace(A, B, C, D, sources)
+
+
+def stage_matrices(
+    space: StateSpace, gh: float, held: tuple[int, ...] = ()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Matrices of one implicit Euler step.
+
+    Parameters
+    ----------
+    space : StateSpace
+        The component.
+    gh : float
+        Length of the step [s].
+    held : tuple of int
+        States that are held at zero (open contacts, blocked gates).
+
+    Returns
+    -------
+    M, N, C, D, W : ndarray
+        As in (companion-1) and (companion-2); W has the terminals' columns only.
+
+    Raises
+    ------
+    ParameterError
+        If I - gh A is singular.
+    """
+    n, m = len(space.A), len(space.C)
+    A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
+    rows = list(held)
+    A[rows, :] = 0.0
+    A[:, rows] = 0.0
+    B[rows, :] = 0.0
+    C[:, rows] = 0.0
+    try:
+        M = np.linalg.inv(np.eye(n) - gh * A)
+    except np.linalg.LinAlgError:
+        raise ParameterError(f"the step is too long: I - {gh:g} s A is singular") from None
+    M[rows, :] = 0.0
+    M[:, rows] = 0.0
+    N = gh * M @ B
+    if len(rows) == n:
+        D = np.zeros_like(D)
+    W = C @ N[:, :m] + D[:, :m]
+    return M, N, C, D, W
+
+
+def _call(function: Any, **values: Any) -> None:
+    plain = function.py_func if hasattr(function, "py_func") else function
+    code = plain.__code__
+    names = code.co_varnames[: code.co_argcount]
+    values.setdefault("t", 0.0)
+    plain(*[values[name] for name in names])

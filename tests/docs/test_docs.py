@@ -1,0 +1,97 @@
+"""What is written about the code is true: citations exist, docstrings name every argument, links lead somewhere."""
+
+import ast
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import shipgrid
+from shipgrid.scenarios.results import CITATION, bibliography
+
+ROOT = Path(__file__).parents[2]
+SOURCE = sorted((ROOT / "src" / "shipgrid").rglob("*.py"))
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCE}
+DOCUMENTED = (ast.FunctionDef, ast.ClassDef, ast.Module)
+
+
+def name_of(path):
+    return str(path.relative_to(ROOT))
+
+
+def docstrings(tree):
+    return [text for node in ast.walk(tree) if isinstance(node, DOCUMENTED) and (text := ast.get_docstring(node))]
+
+
+def functions(tree):
+    """Functions and methods with the docstring that describes their arguments: `__init__` has its class's."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name != "__init__":
+            yield node.name, node, ast.get_docstring(node) or ""
+        elif isinstance(node, ast.ClassDef):
+            for item in node.body:
+                if isinstance(item, ast.FunctionDef) and item.name == "__init__":
+                    yield node.name, item, ast.get_docstring(node) or ""
+
+
+def arguments(function):
+    a = function.args
+    return [arg.arg for arg in [*a.posonlyargs, *a.args, *a.kwonlyargs] if arg.arg not in ("self", "cls")]
+
+
+def test_the_keys_that_are_cited_are_in_the_bibliography():
+    cited = {key for tree in TREES.values() for text in docstrings(tree) for key in CITATION.findall(text)}
+    cited |= {
+        key
+        for tree in TREES.values()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.keyword) and node.arg == "source" and isinstance(node.value, ast.Constant)
+        for key in CITATION.findall(str(node.value.value))
+    }
+    assert "DAgostino2020" in cited, "the search for citations finds nothing"
+    bibliography(sorted(cited))  # raises with the list of those that are missing
+
+
+def test_docs_and_package_share_one_bibliography():
+    assert (ROOT / "docs/references.bib").read_text() == (ROOT / "src/shipgrid/data/references.bib").read_text()
+
+
+@pytest.mark.parametrize("path", SOURCE, ids=name_of)
+def test_a_docstring_that_lists_parameters_lists_all_of_them(path):
+    missing = [
+        f"{name}: {argument}"
+        for name, function, text in functions(TREES[path])
+        if "Parameters\n---" in text
+        for argument in arguments(function)
+        if not re.search(rf"\b{re.escape(argument)}\b", text)
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize("name", getattr(shipgrid, "__all__", ()))
+def test_a_public_name_describes_every_argument(name):
+    thing = getattr(shipgrid, name)
+    text = inspect.getdoc(thing)
+    assert text, f"{name} has no docstring"
+    if callable(thing):
+        missing = [a for a in inspect.signature(thing).parameters if not re.search(rf"\b{re.escape(a)}\b", text)]
+        assert missing == []
+
+
+@pytest.mark.parametrize("path", SOURCE, ids=name_of)
+def test_every_module_says_what_it_is_for(path):
+    if path.name == "__init__.py" and not path.read_text().strip():
+        return
+    assert ast.get_docstring(TREES[path])
+
+
+@pytest.mark.parametrize("path", sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]), ids=name_of)
+def test_links_of_a_page_lead_to_files(path):
+    links = re.findall(r"\]\(([^)#]+?)\)", path.read_text(encoding="utf-8"))
+    broken = [link for link in links if "://" not in link and not (path.parent / link).exists()]
+    assert broken == []
+
+
+def test_the_changelog_has_an_unreleased_section():
+    assert "## Unreleased" in (ROOT / "CHANGELOG.md").read_text()

@@ -1,0 +1,233 @@
+"""The command line: what is accepted, what is said, and the exit status."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+from shipgrid.cli.main import app
+from shipgrid.errors import ParameterError, SolverError, SteadyStateError
+from shipgrid.io.ship_file import bundled
+from shipgrid.scenarios import runner
+
+
+def shipgrid(*words: str):
+    return CliRunner().invoke(app, list(words))
+
+
+class Simulated:
+    """Stands in for the runner: remembers what it was asked for, and answers as told."""
+
+    def __init__(self, ok=True, interrupted=False, error=None):
+        self.ok, self.interrupted, self.error = ok, interrupted, error
+        self.asked = None
+
+    def __call__(self, ship, scenario, **options):
+        self.asked = SimpleNamespace(ship=ship, scenario=scenario, **options)
+        if self.error is not None:
+            raise self.error
+        options["progress"](1.0, 60.0)
+        summary = {"simulated_s": 60.0, "wall_s": 1.0, "us_per_step": 3.0, "interrupted": self.interrupted}
+        return SimpleNamespace(ok=self.ok, requirements=[], summary=summary, folder=Path("results/x"))
+
+
+@pytest.fixture
+def simulated(monkeypatch):
+    def install(**answers):
+        made = Simulated(**answers)
+        monkeypatch.setattr(runner, "simulate", made)
+        return made
+
+    return install
+
+
+def test_without_arguments_run_sails_the_ferrys_mission(simulated):
+    made = simulated()
+    result = shipgrid("run")
+    assert result.exit_code == 0, result.output
+    assert (made.asked.ship.name, made.asked.scenario.name) == ("ferry", "mission")
+    assert (made.asked.fidelity, made.asked.step, made.asked.until, made.asked.out) == ("averaged", None, None, None)
+    assert made.asked.report is True
+    assert "mission of ferry: 3400 s" in result.stderr
+
+
+def test_options_reach_the_runner_in_si(simulated):
+    made = simulated()
+    result = shipgrid(
+        *["run", "mission", "--ship", "ferry", "--step", "15us", "--until", "0.5min", "--out", "here", "--no-report"],
+        *("--set", "equipment.bess_for.capacity=160 Ah"),
+    )
+    assert result.exit_code == 0, result.output
+    assert (made.asked.step, made.asked.until, made.asked.out) == (15e-6, 30.0, Path("here"))
+    assert made.asked.report is False
+    assert made.asked.overrides == {"equipment.bess_for.capacity": "160 Ah"}
+    assert made.asked.ship.item("bess_for").capacity == 160.0 * 3600.0
+
+
+@pytest.mark.parametrize(
+    ("answer", "status"),
+    [
+        ({}, 0),
+        ({"ok": False}, 1),
+        ({"error": ParameterError("--out: /x cannot be written")}, 2),
+        ({"error": SolverError("diverged")}, 3),
+        ({"error": SteadyStateError("no operating point")}, 3),
+        ({"interrupted": True}, 130),
+        ({"error": KeyboardInterrupt()}, 130),
+    ],
+)
+def test_the_exit_status_says_how_it_ended(simulated, answer, status):
+    simulated(**answer)
+    result = shipgrid("run")
+    assert result.exit_code == status
+    if isinstance(answer.get("error"), Exception):
+        assert str(answer["error"]) in result.stderr
+        assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["run", "misson"], "misson: no bundled scenario of that name (nearest: 'mission')"),
+        (["run", "--ship", "fery"], "fery: no bundled ship of that name (nearest: 'ferry')"),
+        (["run", "--step", "30"], "--step: '30' has no unit; expected a number with a unit of s"),
+        (["run", "--step", "1,5 us"], "--step: '1,5 us': the decimal sign is a point"),
+        (["run", "--step", "1 s"], "--step: 1 s is out of range, expected 1 us .. 1000 us"),
+        (["run", "--until", "12:30"], "--until: '12:30' is a time of day"),
+        (["run", "--until", "0 s"], "--until: 0 s is not after the start"),
+        (["run", "--until", "2 h"], "--until: 2 h is after the scenario's end, expected at most 3400 s"),
+        (["run", "--fidelity", "switching"], "--fidelity: this version has no switching fidelity yet"),
+        (["run", "--fidelity", "averagd"], "--fidelity: no fidelity 'averagd' (nearest: 'averaged')"),
+        (["run", "--set", "duration"], "--set duration: is not PATH=VALUE"),
+        (["run", "--set", "equipment.bess_for.L=-1 mH"], "equipment.bess_for.L: -1 mH is out of range"),
+        (["run", "--waveforms", "170s"], "--waveforms: '170s' is not a window, expected FROM:TO, such as 170s:170.2s"),
+        (["run", "--waveforms", "17:18"], "--waveforms: '17' has no unit"),
+        (["run", "--waveforms", "18s:17s"], "--waveforms: 18s:17s ends before it begins"),
+        (["run", "--waveforms", "17s:18s"], "--waveforms: this version records no phase quantities yet"),
+        (["run", "--resume"], "--resume: this version cannot continue"),
+        (["live"], "live: this version has no real-time execution yet"),
+        (["list", "signal"], "nothing to list of the name 'signal' (nearest: 'signals')"),
+        (["plot", "nowhere", "dc_for.v_dc"], "nowhere"),
+        (["plot", "nowhere", "dc_for.v_dc", "--from", "3"], "--from: '3' has no unit"),
+        (["compare", "nowhere", "there"], "nowhere"),
+    ],
+)
+def test_bad_input_is_said_and_ends_with_status_2_before_anything_runs(simulated, tmp_path, monkeypatch, words, says):
+    monkeypatch.chdir(tmp_path)
+    made = simulated()
+    result = shipgrid(*words)
+    assert (result.exit_code, made.asked) == (2, None), result.output
+    assert says in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_mistake_of_options_and_files_comes_in_one_go(simulated, tmp_path):
+    made = simulated()
+    (tmp_path / "ship.yaml").write_text(bundled("ship")["ferry"].read_text().replace("L: 0.8 mH", "L: -0.8 mH", 1))
+    (tmp_path / "scenario.yaml").write_text(
+        bundled("scenario")["mission"].read_text().replace("duration: 3400 s", "duration: 3300 s")
+        + "  - {name: late, signal: dc_for.v_dc, max: 1 V, from: 3350 s}\n"
+    )
+    result = shipgrid(
+        *("run", str(tmp_path / "scenario.yaml"), "--ship", str(tmp_path / "ship.yaml")),
+        *("--step", "30", "--set", "hull.wake=2", "--waveforms", "x"),
+    )
+    assert (result.exit_code, made.asked) == (2, None)
+    for part in (
+        "--step: '30'",
+        "--waveforms",
+        "-0.8 mH is out of range",
+        "--set hull.wake=2",
+        "3350 s is after the end",
+    ):
+        assert part in result.stderr
+
+
+def test_check_finds_no_mistake_in_the_bundled_files():
+    result = shipgrid("check", str(bundled("ship")["ferry"]), str(bundled("scenario")["mission"]))
+    assert (result.exit_code, result.stdout) == (0, "2 files checked, no mistakes found\n")
+
+
+def test_check_names_every_mistake_as_file_line_path(tmp_path):
+    bad = tmp_path / "bad.yaml"
+    bad.write_text(
+        "schema: 1\nship: raft\nbuses:\n  dc: {kind: dc, v_n: 1,5 kV}\n  dc: {kind: dc, v_n: 750 V}\n"
+        "equipment:\n  bess: {kind: bess, bus: dc, L: -1 mH, Q: 3 Ah}\n"
+    )
+    result = shipgrid("check", str(bad))
+    assert result.exit_code == 2
+    lines = result.stderr.splitlines()
+    assert [line.removeprefix(f"{bad}:").split(": ")[:2] for line in lines] == [
+        ["4", "buses.dc.v_n"],
+        ["5", "buses.dc"],
+        ["7", "equipment.bess.Q"],
+        ["7", "equipment.bess.L"],
+    ]
+    assert "'1,5 kV': the decimal sign is a point, '1.5 kV'" in lines[0]
+    assert "first given on line 4" in lines[1]
+
+
+def test_check_tests_a_scenario_against_the_ship_given_with_it(tmp_path):
+    ship, scenario = tmp_path / "raft.yaml", tmp_path / "drift.yaml"
+    ship.write_text(
+        "schema: 1\nship: raft\nbuses: {dc: {kind: dc, v_n: 750 V}}\nequipment: {bess: {kind: bess, bus: dc}}\n"
+    )
+    scenario.write_text(
+        "schema: 1\nscenario: drift\nduration: 1 s\nstart: {state: moored}\n"
+        "timeline:\n  - {at: 0.5 s, set: {bess.i_ref: 1 A}}\n"
+    )
+    assert shipgrid("check", str(scenario), str(ship)).exit_code == 0
+    alone = shipgrid("check", str(scenario))
+    assert alone.exit_code == 2 and "no such command" in alone.stderr
+
+
+@pytest.mark.parametrize(
+    ("what", "parts"),
+    [
+        ("ships", ["ferry"]),
+        ("scenarios", ["mission", "3400 s"]),
+        ("equipment", ["genset", "governor.K", "8 pu", "table A1", "from"]),
+        ("components", ["Battery", "components.sources.battery"]),
+        ("signals", ["propeller_aft.J_adv", "ac_for.f", "hull.u_ship"]),
+        ("commands", ["bess_for.i_ref", "-192 .. 192 A", "droop or voltage or current"]),
+    ],
+)
+def test_list_shows_what_is_declared(what, parts):
+    result = shipgrid("list", what)
+    assert result.exit_code == 0
+    for part in parts:
+        assert part in result.stdout
+
+
+def test_explain_names_buses_stages_and_time_constants():
+    result = shipgrid("explain", "--step", "30us")
+    assert result.exit_code == 0
+    for part in ("dc_for", "17 mF", "5000 ohm", "genset_for.terminals", "bess_for.converter", "at 3240 Hz exactly"):
+        assert part in result.stdout
+
+
+def test_help_answers_without_the_heavy_libraries():
+    # Start-up time is what a person feels; the libraries behind it are what can be asserted without a clock.
+    code = (
+        "import sys\nfrom typer.testing import CliRunner\nfrom shipgrid.cli.main import app\n"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0\n"
+        "heavy = {'numba', 'pint', 'scipy', 'xarray', 'netCDF4', 'matplotlib', 'ruamel.yaml'} & set(sys.modules)\n"
+        "print(sorted(heavy))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_bench_prints_json(monkeypatch):
+    from shipgrid.cli import bench
+
+    monkeypatch.setattr(bench, "measure", lambda: {"us_per_step_median": 3.3, "version": "0"})
+    result = shipgrid("bench", "--json")
+    assert json.loads(result.stdout) == {"us_per_step_median": 3.3, "version": "0"}
+    assert "3.3" in shipgrid("bench").stdout

@@ -1,0 +1,152 @@
+"""The screw in four quadrants: coefficients against published tables, and no kink anywhere."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from shipgrid.components.marine import propeller
+from shipgrid.components.marine.propeller import Propeller, characteristic, four_quadrants, open_water, table
+from shipgrid.model.records import make_record, parameter_record
+
+FERRY = {"P_D": 0.9, "A_E": 0.75, "Z": 5.0}
+
+
+def forces(screw: Propeller, omega_m: float, v_a: float) -> tuple[float, float]:
+    """Thrust and open-water torque (before the relative rotative efficiency) from the kernel."""
+    p, tables = parameter_record(screw)
+    thrust, tau = propeller.forces(omega_m, v_a, p, tables)
+    return thrust, tau * screw.eta_r
+
+
+@pytest.mark.parametrize("row", table("wageningen_b_series_check.csv"), ids=lambda row: "-".join(row.values()))
+def test_polynomials_meet_the_published_values(row):
+    K = open_water(row["coefficient_of"], float(row["J"]), float(row["P_D"]), float(row["AE_A0"]), float(row["Z"]))
+    assert pytest.approx(float(row["value"]), abs=1e-5) == K
+
+
+# data note: B5-75, P/D 0.9
+OPEN_WATER = np.array(
+    [
+        [0.0, 0.4192, 0.5620],
+        [0.1, 0.3906, 0.5294],
+        [0.2, 0.3572, 0.4914],
+        [0.3, 0.3195, 0.4483],
+        [0.4, 0.2780, 0.4002],
+        [0.5, 0.2331, 0.3475],
+        [0.6, 0.1854, 0.2904],
+        [0.7, 0.1353, 0.2293],
+        [0.8, 0.0833, 0.1644],
+        [0.9, 0.0300, 0.0959],
+    ]
+)
+
+
+@pytest.mark.parametrize(("J", "K_T", "ten_K_Q"), OPEN_WATER)
+@pytest.mark.parametrize("ahead", [1.0, -1.0])
+def test_kernel_gives_the_open_water_diagram_in_both_directions(J, K_T, ten_K_Q, ahead):
+    screw = Propeller(**FERRY)
+    n = 5.0
+    thrust, torque = forces(screw, ahead * 2.0 * math.pi * n, ahead * J * n * screw.D)
+    # half a digit of the printed table, and the table's interpolation
+    assert ahead * thrust / (screw.rho * n**2 * screw.D**4) == pytest.approx(K_T, abs=1e-4)
+    assert ahead * 10.0 * torque / (screw.rho * n**2 * screw.D**5) == pytest.approx(ten_K_Q, abs=1e-4)
+
+
+@pytest.mark.parametrize(("J", "K_T", "ten_K_Q"), [(0.0, 0.3671, 0.4467), (0.4, 0.2241, 0.3007), (0.6, 0.1307, 0.2014)])
+def test_open_water_coefficients_at_pitch_0_8(J, K_T, ten_K_Q):
+    assert open_water("KT", J, 0.8, 0.75, 5.0) == pytest.approx(K_T, abs=1e-4)
+    assert 10.0 * open_water("KQ", J, 0.8, 0.75, 5.0) == pytest.approx(ten_K_Q, abs=1e-4)
+
+
+def test_cubic_table_is_within_its_stated_error_of_the_curve():
+    screw = Propeller(**FERRY)
+    p, tables = parameter_record(screw)
+    beta = np.radians(np.linspace(-180.0, 180.0, 7201))
+    got = np.array([propeller.forces(math.cos(b) / (0.35 * screw.D), math.sin(b), p, tables) for b in beta])
+    q = 0.5 * screw.rho * 0.25 * math.pi * screw.D**2
+    assert np.abs(got[:, 0] / q - characteristic("T", beta, 0.0, **FERRY)).max() < 1e-5
+    assert np.abs(got[:, 1] * screw.eta_r / (q * screw.D) - characteristic("Q", beta, 0.0, **FERRY)).max() < 1e-5
+
+
+@pytest.mark.parametrize("ends", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("part", [0, 1])
+def test_no_jump_and_no_kink_all_round_the_circle(ends, part):
+    screw = Propeller(**FERRY, ends=ends)
+    p, tables = parameter_record(screw)
+    step = math.radians(0.05)
+    beta = np.arange(-math.pi, math.pi, step)
+    c = np.array([propeller.forces(math.cos(b) / (0.35 * screw.D), math.sin(b), p, tables)[part] for b in beta])
+    c = c / np.abs(c).max()
+    slope = (np.roll(c, -1) - c) / step
+    # the tested curve itself bends by 30 /rad2 at most (harmonic 30 of the Fourier fit); a kink in the slope of 5 % of
+    # the steepest slope would show as 100 /rad2 between two of these points, a jump of 1 % as 10000
+    assert np.abs(slope).max() < 3.0
+    assert (np.abs(np.roll(slope, -1) - slope) / step).max() < 60.0
+
+
+def test_mirrored_screw_turns_round_with_speed_and_flow():
+    screw = Propeller(**FERRY)
+    rng = np.random.default_rng(1)
+    for omega_m, v_a in rng.uniform(-40.0, 40.0, (50, 2)) * [1.0, 0.15]:
+        ahead, astern = forces(screw, omega_m, v_a), forces(screw, -omega_m, -v_a)
+        assert ahead == pytest.approx([-f for f in astern], rel=1e-9, abs=1e-9)
+
+
+def test_screw_in_its_own_axes_facing_ahead_is_the_one_facing_astern_turned_round():
+    for omega_m, v_a in [(30.0, 3.0), (-30.0, 3.0), (20.0, -2.0), (-10.0, -5.0)]:
+        aft = forces(Propeller(**FERRY, ends=1.0), omega_m, v_a)
+        fore = forces(Propeller(**FERRY, ends=-1.0), -omega_m, -v_a)
+        assert aft == pytest.approx([-f for f in fore], rel=1e-9)
+
+
+def test_beyond_the_blend_the_tested_propeller_serves():
+    beta = np.radians([-60.0, -20.0, 40.0, 60.0])
+    assert characteristic("T", beta, 1.0, **FERRY) == pytest.approx(four_quadrants("T", beta, 1.0, 0.75, 5.0))
+    # data note: at P/D 1.0 the B5-75 series differs from the polynomials by at most 0.012 in KT, 0.018 in 10 KQ
+    J = np.linspace(0.0, 1.0, 11)
+    beta, to_K = np.arctan(J / (0.7 * math.pi)), math.pi / 8.0 * (J**2 + (0.7 * math.pi) ** 2)
+    K_T, K_Q = (four_quadrants(c, beta, 1.0, 0.75, 5.0) * to_K for c in "TQ")
+    assert np.abs(K_T - open_water("KT", J, 1.0, 0.75, 5.0)).max() < 0.0125
+    assert 10.0 * np.abs(K_Q - open_water("KQ", J, 1.0, 0.75, 5.0)).max() < 0.0185
+
+
+def test_standstill_gives_no_force_and_a_stopped_screw_is_a_brake():
+    screw = Propeller(**FERRY)
+    assert forces(screw, 0.0, 0.0) == (0.0, 0.0)
+    thrust, torque = forces(screw, 0.0, 3.0)
+    assert thrust < 0.0
+    assert torque < 0.0  # the stream would turn it ahead
+    assert forces(screw, 0.0, -3.0) == pytest.approx((-thrust, -torque))
+    # the limits from both sides agree: no jump as the shaft passes through standstill
+    assert forces(screw, 1e-6, 3.0) == pytest.approx(forces(screw, -1e-6, 3.0), rel=1e-5)
+
+
+def test_advance_ratio_is_shown_bounded_and_zero_at_standstill():
+    p, tables = parameter_record(Propeller())
+    y = make_record(propeller.Output)
+    for omega_m, v_a, J in [(2.0 * math.pi * 4.0, 2.5, 0.5), (0.0, 2.0, 0.0), (1e-9, 2.0, 2.0), (0.0, 0.0, 0.0)]:
+        u = make_record(propeller.Input, {"omega_m": omega_m, "v_a": v_a})
+        propeller.outputs(u, p, y, tables)
+        assert y.J_adv == pytest.approx(J)
+
+
+def test_exact_derivatives_by_complex_step_agree_with_differences():
+    p, tables = parameter_record(Propeller())
+    pc, _ = parameter_record(Propeller(), scalar="c16")
+    for omega_m, v_a in [(30.0, 3.0), (-5.0, 3.0), (20.0, -2.0), (1.0, 4.0)]:
+        exact = [f.imag / 1e-30 for f in propeller.forces(omega_m + 1e-30j, v_a + 0j, pc, tables)]
+        above, below = (propeller.forces(omega_m + d, v_a, p, tables) for d in (1e-5, -1e-5))
+        central = [(a - b) / 2e-5 for a, b in zip(above, below, strict=True)]
+        assert exact == pytest.approx(central, rel=1e-5)
+
+
+def test_screw_never_gives_power_to_both_sides():
+    p, tables = parameter_record(Propeller())
+    w_f, t_f = 0.235, 0.205
+    for beta in np.radians(np.arange(-180.0, 180.0, 2.0)):
+        v_a, omega_m = 3.0 * math.sin(beta), 3.0 * math.cos(beta) / (0.35 * 1.25)
+        u = make_record(propeller.Input, {"omega_m": omega_m, "v_a": v_a, "u_thrust": (1.0 - t_f) * v_a / (1.0 - w_f)})
+        assert propeller.losses(u, p, tables) > 0.0

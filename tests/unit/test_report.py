@@ -1,0 +1,178 @@
+"""The report, its diagram and plots, made from a made-up run."""
+
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+import synthetic_run
+
+from shipgrid.errors import InputErrors
+from shipgrid.io.one_line import one_line
+from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
+from shipgrid.io.plot import plot
+from shipgrid.io.report import energy_table, render, si
+from shipgrid.scenarios.results import open_results
+
+MEGABYTES = 1e6
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return open_results(synthetic_run.write(tmp_path_factory.mktemp("mission-averaged")))
+
+
+@pytest.fixture(scope="module")
+def page(run):
+    return render(run)
+
+
+class Reader(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.resources, self.text = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.resources += [v for k, v in attrs if k in ("src", "href")]
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_report_is_one_file_that_asks_for_nothing_else(page):
+    reader = Reader()
+    reader.feed(page)
+    assert reader.resources == []
+    assert not re.search(r"url\(\s*['\"]?http|@import", page)
+    assert len(page.encode()) < 3 * MEGABYTES
+
+
+def test_the_report_says_what_was_asked_and_what_became_of_it(page):
+    text = re.sub(r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]+>", " ", page, flags=re.DOTALL))
+    verdicts = ("1 of 2 requirements violated", "715 V … 785 V", "6.5 V", "first at 1360 s")
+    others = ("12.5 s", "0123abc", "60 µs", "refused: the rest cannot carry the load yet", "88.89", "MinMaxLTTB")
+    for said in (*verdicts, *others):
+        assert said in text, said
+
+
+def test_every_panel_shows_the_extremes_of_the_record(run):
+    panels = {p["title"]: p for p in panels_of(run)}
+    assert list(panels)[:2] == ["Ship speed", "DC bus voltage"] and len(panels) == 9
+    for panel in panels.values():
+        assert len(panel["time"]) <= 1.1 * POINTS
+        for signal in panel["signals"]:
+            series = run.series(signal["name"])
+            scale = next(p.factor for p in PANELS if p.title == panel["title"])
+            low, high = signal.get("low", signal["values"]), signal.get("high", signal["values"])
+            # Five digits are written; an envelope that is not drawn is narrower than 0.2 % of the panel.
+            room = 1e-4 * np.max(np.abs(signal["values"])) + 2e-3 * np.ptp(signal["values"])
+            assert max(high) == pytest.approx(series.high.max() * scale, abs=room)
+            assert min(low) == pytest.approx(series.low.min() * scale, abs=room)
+
+
+def test_a_dip_of_one_recorded_interval_reaches_the_plot(run):
+    bus = next(s for p in panels_of(run) for s in p["signals"] if s["name"] == "dc_for.v_dc")
+    assert min(bus["low"]) == pytest.approx(run.series("dc_for.v_dc").low.min(), abs=0.01)
+    assert min(bus["low"]) < min(bus["values"]) - 5.0
+
+
+def test_commands_and_states_become_bars_and_what_is_alike_shares_a_row(run):
+    rows = {row["label"]: row["bars"] for row in bars_of(run, 3400.0)}
+    assert [bar[2] for bar in rows["propulsion speed"]] == ["6 kn", "10 kn", "6 kn", "0 kn", "-6 kn"]
+    assert rows["propulsion speed"][1][:2] == (310.0, 1390.0)
+    assert [bar[2] for bar in rows["bess mode"]] == ["droop"]
+    start, end, word = rows["genset_for"][0]
+    assert (round(start), round(end), word) == (312, 1425, "on")
+
+
+def test_signals_of_a_kind_are_not_those_of_a_kind_with_a_longer_name(run):
+    assert signals_of(run, "dc", "v_dc") == ["dc_for.v_dc", "dc_aft.v_dc"]
+    assert signals_of(run, "ac", "v_pu") == ["ac_for.v_pu", "ac_aft.v_pu"], "not the gensets'"
+
+
+def test_the_diagram_names_every_bus_and_item_and_overlaps_no_two_symbols(run):
+    ship = run.settings["ship"]
+    drawing = ElementTree.fromstring(one_line(ship))
+    said = " ".join("".join(t.itertext()) for t in drawing.iter("text"))
+    for name in [*ship["buses"], *ship["equipment"], "propeller_for"]:
+        assert name in said, name
+    places = [g.get("transform") for g in drawing.iter("g")]
+    assert len(places) == len(set(places))
+
+
+def test_an_unknown_kind_and_a_bar_that_nothing_feeds_are_drawn_too():
+    ship = {
+        "buses": {"dc": {"kind": "dc"}, "ac": {"kind": "ac"}},
+        "equipment": {"fuel_cell": {"kind": "fuel_cell", "bus": "dc"}, "galley": {"kind": "ac_load", "bus": "ac"}},
+    }
+    said = "".join(ElementTree.fromstring(one_line(ship)).itertext())
+    assert "fuel_cell" in said and "galley" in said
+    assert one_line({}) == ""
+
+
+def test_a_name_that_looks_like_markup_stays_text():
+    ship = {"buses": {"<b>": {"kind": "dc", "v_n": "</svg>"}}, "equipment": {}}
+    assert "<b>" in "".join(ElementTree.fromstring(one_line(ship)).itertext())
+
+
+def test_an_interrupted_run_still_has_a_report(tmp_path):
+    run = open_results(synthetic_run.write(tmp_path, n=50, finished=False))
+    path = run.report()
+    assert path == tmp_path / "report.html" and "the run was not finished" in path.read_text()
+    assert [p.name for p in tmp_path.iterdir() if p.name.endswith(".part")] == []
+
+
+def test_plot_data_is_valid_json_also_where_a_value_is_not_a_number(tmp_path):
+    from shipgrid.io.results_file import ResultsWriter
+
+    with ResultsWriter(tmp_path, {"plant": [("dc_for.v_dc", "V", "main bus voltage")]}) as writer:
+        writer.append("plant", np.arange(5.0), np.array([[1.0], [np.nan], [3.0], [np.inf], [5.0]]))
+    page = render(open_results(tmp_path))
+    text = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1]
+    assert json.loads(text)["panels"][0]["signals"][0]["values"] == [1.0, None, 3.0, None, 5.0]
+
+
+def test_energy_is_listed_by_size_and_crumbs_are_put_together():
+    kwh = 3.6e6
+    energy = {
+        "sources": {"a.engine": 1.0 * kwh, "b.cell": 4.0 * kwh, "b.other": 5.0 * kwh},
+        "losses": {"x": 0.5 * kwh, "y": 1e-5 * kwh, "z": 2e-5 * kwh},
+    }
+    sources, losses = energy_table(energy)
+    rows = [(r["name"], r["kwh"], r["share"]) for r in sources["rows"]]
+    assert rows == [("b", "9.00", "90.0 %"), ("a", "1.00", "10.0 %")]
+    assert [r["name"] for r in losses["rows"]] == ["x", "others (2)"]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (30e-6, "s", "30 µs"),
+        (732.0, "V", "732 V"),
+        (71.8e3, "W", "71.8 kW"),
+        (0.62, "1", "0.62"),
+        (0.0, "W", "0 W"),
+        (None, "V", "–"),
+    ],
+)
+def test_quantities_are_written_as_people_write_them(value, unit, text):
+    assert si(value, unit) == text
+
+
+def test_a_plot_has_a_panel_for_each_unit(run, tmp_path):
+    out = plot(run, ["dc_for.v_dc", "dc_aft.v_dc", "bess_for.i_b"], tmp_path / "plot.svg", 300.0, 330.0)
+    drawing = out.read_text()
+    assert drawing.count('id="axes_') == 2
+
+
+def test_a_plot_of_unknown_signals_names_all_of_them(run, tmp_path):
+    with pytest.raises(InputErrors) as caught:
+        plot(run, ["dc_for.vdc", "nothing.at_all"], tmp_path / "plot.png")
+    assert len(caught.value.problems) == 2 and "nearest: 'dc_for.v_dc'" in caught.value.problems[0]
+    assert not (tmp_path / "plot.png").exists()

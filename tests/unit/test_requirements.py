@@ -1,0 +1,108 @@
+"""Requirements: the verdict, the value that decides, the margin, the first violation."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from shipgrid.analysis.requirements import Requirement, Series, judge
+from shipgrid.errors import ParameterError
+
+TIME = np.arange(11.0)
+
+
+def series(value, low=None, high=None, time=TIME):
+    return Series(time, np.asarray(value, float), low, high, "V")
+
+
+def asked(**limits):
+    return Requirement.from_mapping({"name": "DC bus", "signal": "dc_for.v_dc", **limits})
+
+
+def test_a_band_is_met_with_the_distance_of_the_nearest_value_as_margin():
+    verdict = judge(asked(band=[0.0, 12.0]), series(TIME))
+    assert (verdict.verdict, verdict.value, verdict.margin, verdict.at) == ("met", 0.0, 0.0, 0.0)
+    verdict = judge(asked(band=[-5.0, 12.0]), series(TIME))
+    assert (verdict.value, verdict.margin, verdict.at) == (10.0, 2.0, 10.0)
+
+
+def test_a_violated_band_names_the_first_time_and_the_worst_value():
+    verdict = judge(asked(band=[0.0, 6.5]), series(TIME))
+    assert (verdict.verdict, verdict.first_violation, verdict.at) == ("violated", 7.0, 10.0)
+    assert (verdict.value, verdict.margin) == (10.0, -3.5)
+
+
+def test_only_the_window_counts():
+    assert judge(asked(max=6.5, **{"from": 1.0, "until": 6.0}), series(TIME)).ok
+    assert not judge(asked(max=6.5, **{"from": 1.0, "until": 7.0}), series(TIME)).ok
+
+
+def test_a_peak_between_two_samples_violates():
+    high = TIME.copy()
+    high[5] = 99.0
+    verdict = judge(asked(max=20.0), series(TIME, TIME, high))
+    assert (verdict.verdict, verdict.value, verdict.at) == ("violated", 99.0, 5.0)
+
+
+def test_a_peak_before_the_window_does_not_count_in_its_first_interval():
+    high = TIME.copy()
+    high[5] = 99.0  # somewhere between 4 and 5
+    assert judge(asked(max=20.0, **{"from": 5.0}), series(TIME, TIME, high)).ok
+    assert not judge(asked(max=20.0, **{"from": 4.0}), series(TIME, TIME, high)).ok
+
+
+@pytest.mark.parametrize(
+    ("limits", "value", "met"),
+    [
+        ({"min": 0.0}, TIME, True),
+        ({"min": 0.5}, TIME, False),
+        ({"max": 10.0}, TIME, True),
+        ({"max": 9.9}, TIME, False),
+        ({"abs_max": 10.0}, -TIME, True),
+        ({"abs_max": 9.9}, -TIME, False),
+        ({"mean": [4.9, 5.1]}, TIME, True),
+        ({"mean": [5.1, 6.0]}, TIME, False),
+    ],
+)
+def test_each_measure_is_met_and_can_be_violated(limits, value, met):
+    assert judge(asked(**limits), series(value)).ok is met
+
+
+def test_abs_max_reports_the_magnitude_also_of_recorded_extremes():
+    verdict = judge(asked(abs_max=30.0), series(TIME, TIME - 45.0, TIME))
+    assert verdict.value == 44.0 and verdict.first_violation == 1.0
+
+
+def test_a_mean_weighs_by_time_and_not_by_samples():
+    time = np.array([0.0, 0.1, 0.2, 10.0])
+    verdict = judge(asked(mean=[0.0, 1.0]), series([0.0, 0.0, 1.0, 1.0], time=time))
+    assert verdict.value == pytest.approx((0.05 + 9.8) / 10.0)
+
+
+def test_a_run_that_ended_early_leaves_the_verdict_open_unless_it_is_violated_already():
+    assert judge(asked(max=20.0, until=60.0), series(TIME)).verdict == "not evaluated"
+    assert judge(asked(max=5.0, until=60.0), series(TIME)).verdict == "violated"
+    assert judge(asked(max=5.0, **{"from": 50.0}), series(TIME)).verdict == "not evaluated"
+
+
+def test_a_value_that_is_not_a_number_violates_and_is_still_valid_json():
+    value = TIME.copy()
+    value[3] = math.nan
+    verdict = judge(asked(band=[-1.0, 20.0]), series(value))
+    assert (verdict.verdict, verdict.first_violation) == ("violated", 3.0)
+    json.dumps(verdict.as_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({}, "no measure"),
+        ({"min": 0.0, "max": 1.0}, "exactly one"),
+        ({"band": [2.0, 1.0]}, "empty"),
+        ({"max": 1.0, "from": 5.0, "until": 5.0}, "window"),
+    ],
+)
+def test_a_requirement_that_makes_no_sense_is_refused(limits, message):
+    with pytest.raises(ParameterError, match=message):
+        asked(**limits)

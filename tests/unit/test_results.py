@@ -1,0 +1,130 @@
+"""Results: written while the run goes on, read afterwards."""
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from shipgrid.analysis.requirements import Requirement, evaluate
+from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.io.results_file import CHUNK_ROWS, ResultsWriter
+from shipgrid.scenarios.results import bibliography, citation_keys, open_results
+
+GROUPS = {
+    "plant": [("dc_for.v_dc", "V", "main bus voltage"), ("bess_for.i_b", "A", "battery current")],
+    "slow": [("hull.u_ship", "m/s", "speed through water")],
+    "waveforms/0": [("rectifier_for.i_a", "A", "phase current"), ("dc_for.v_dc", "V", "main bus voltage")],
+}
+
+
+def ramp(n, offset=0.0):
+    time = 0.01 * np.arange(n)
+    return time, np.stack([750.0 + time, offset + 2.0 * time], axis=1)
+
+
+@pytest.fixture
+def written(tmp_path):
+    time, value = ramp(CHUNK_ROWS + 100)
+    with ResultsWriter(tmp_path, GROUPS, {"plant": 0.01}, {"version": "0.1.0", "references": "Alexander1977"}) as w:
+        for part in np.array_split(np.arange(len(time)), 7):
+            w.append("plant", time[part], value[part], value[part] - 1.0, value[part] + 3.0)
+        w.append("slow", np.array([0.0, 1.0]), np.array([[0.0], [3.0]]))
+        w.append("waveforms/0", time[:5], value[:5])
+        w.events([(2.0, "genset_for", "running")])
+        w.events([(1.0, "propulsion_for.speed_ref", "6 kn")])
+        w.limiters([("rectifier_for.modulation", 3.0, 0.5, 2)])
+    return tmp_path
+
+
+def test_rows_appended_in_parts_come_back_in_order_with_unit_and_description(written):
+    run = open_results(written)
+    signal = run["bess_for.i_b"]
+    time, value = ramp(CHUNK_ROWS + 100)
+    assert signal.attrs == {"units": "A", "long_name": "battery current"}
+    np.testing.assert_array_equal(signal.time, time)
+    np.testing.assert_allclose(signal, value[:, 1], rtol=1e-6)  # single precision
+    np.testing.assert_allclose(run["bess_for.i_b_max"], value[:, 1] + 3.0, rtol=1e-6)
+
+
+def test_a_signal_is_not_read_before_it_is_used(written):
+    assert not open_results(written)["dc_for.v_dc"].variable._in_memory
+
+
+def test_extremes_and_waveforms_are_no_signals_of_their_own(written):
+    run = open_results(written)
+    assert run.signals == ["bess_for.i_b", "dc_for.v_dc", "hull.u_ship", "rectifier_for.i_a"]
+    assert len(run["dc_for.v_dc"]) == CHUNK_ROWS + 100, "the whole run, not the waveform window"
+
+
+def test_events_are_in_order_of_time_and_limiters_are_kept(written):
+    run = open_results(written)
+    assert [(e.time, e.source, e.text) for e in run.events] == [
+        (1.0, "propulsion_for.speed_ref", "6 kn"),
+        (2.0, "genset_for", "running"),
+    ]
+    assert run.limiters == [("rectifier_for.modulation", 3.0, 0.5, 2)]
+
+
+def test_an_unknown_signal_is_refused_with_the_nearest_name(written):
+    with pytest.raises(ParameterError, match=r"nearest: 'dc_for.v_dc'"):
+        open_results(written)["dc_for.v_cd"]
+
+
+def test_a_folder_without_results_is_refused(tmp_path):
+    with pytest.raises(InputErrors, match=r"no results\.nc"):
+        open_results(tmp_path)
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    (tmp_path / "results.nc").write_bytes(b"not a NetCDF file")
+    with pytest.raises(InputErrors, match="cannot be read"):
+        open_results(tmp_path)
+
+
+def test_rows_of_the_wrong_shape_are_refused(tmp_path):
+    with ResultsWriter(tmp_path, GROUPS) as w, pytest.raises(ValueError, match="shape"):
+        w.append("plant", np.zeros(3), np.zeros((3, 1)))
+
+
+def test_what_was_flushed_survives_a_killed_process(tmp_path):
+    program = textwrap.dedent(f"""
+        import os, numpy as np
+        from shipgrid.io.results_file import ResultsWriter
+        w = ResultsWriter({str(tmp_path)!r}, {GROUPS!r})
+        w.append("plant", 0.01 * np.arange(300), np.ones((300, 2)))
+        w.events([(1.0, "genset_for", "on")])
+        w.flush()
+        w.append("plant", 3.0 + 0.01 * np.arange(300), np.ones((300, 2)))
+        os._exit(9)
+    """)
+    done = subprocess.run([sys.executable, "-c", program], env=os.environ, check=False)
+    assert done.returncode == 9
+    run = open_results(tmp_path)
+    assert len(run["dc_for.v_dc"]) == 300
+    assert run.events[0].text == "on"
+
+
+def test_a_requirement_is_judged_on_the_extremes_of_the_file(written):
+    run = open_results(written)
+    asked = [
+        Requirement.from_mapping({"name": "bus", "signal": "dc_for.v_dc", "band": [748.0, 775.0], "until": 20.0}),
+        Requirement.from_mapping({"name": "other", "signal": "dc_aft.v_dc", "min": 0.0}),
+    ]
+    bus, other = evaluate(asked, run)
+    # The lowest recorded low is 750 - 1 + 0.01 at 0.01 s, the highest high 770 + 3 at 20 s.
+    assert bus.verdict == "met" and bus.margin == pytest.approx(1.01, abs=1e-3) and bus.at == pytest.approx(0.01)
+    assert other.verdict == "not evaluated"
+
+
+def test_cite_prints_what_the_run_used(written):
+    text = open_results(written).cite()
+    assert text.count("@article") == 2 and "Alexander, Roger" in text and "D'Agostino" in text
+
+
+def test_citation_keys_are_found_in_module_docstrings_and_an_unknown_one_is_refused():
+    assert citation_keys(["shipgrid.components"]) == []
+    with pytest.raises(ParameterError, match="Nobody1900"):
+        bibliography(["Nobody1900"])

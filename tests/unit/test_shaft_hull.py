@@ -1,0 +1,172 @@
+"""Shaft, hull, cruise control, and the on/off sequence of a propulsion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from shipgrid.components.marine import hull, thrust_sum
+from shipgrid.components.marine.hull import Hull
+from shipgrid.components.mechanical import shaft
+from shipgrid.components.mechanical.shaft import Shaft
+from shipgrid.controllers import ship_speed
+from shipgrid.controllers.ship_speed import ShipSpeed
+from shipgrid.equipment import propulsion
+from shipgrid.equipment.hull import HullForm
+from shipgrid.equipment.propulsion import PropulsionSequence
+from shipgrid.model.records import make_record, parameter_record
+from shipgrid.units import KNOT, knots
+
+
+def test_friction_is_two_percent_of_the_screw_torque_when_the_motor_drives():
+    p, _ = parameter_record(Shaft())
+    dx = make_record(shaft.State)
+    x, u = make_record(shaft.State, {"omega_m": 32.15}), make_record(shaft.Input, {"tau_e": 2233.0, "tau": 2189.2})
+    shaft.derivatives(x, u, p, dx)
+    assert 383.4 * dx.omega_m == pytest.approx(2233.0 - 2189.2 * 1.02, abs=1e-3)
+
+
+def test_friction_takes_power_whichever_way_it_turns_and_none_at_rest():
+    p, _ = parameter_record(Shaft())
+    for omega_m in (-30.0, -0.01, 0.0, 0.01, 30.0):
+        for tau in (-500.0, 0.0, 500.0):
+            x, u = make_record(shaft.State, {"omega_m": omega_m}), make_record(shaft.Input, {"tau": tau})
+            loss = shaft.losses(x, u, p)
+            assert loss > 0.0 if omega_m and tau else loss == 0.0
+
+
+def test_friction_is_smooth_through_standstill():
+    p, _ = parameter_record(Shaft())
+    omega = np.linspace(-0.5, 0.5, 2001)
+    tau_f = np.array([shaft.friction(w, 500.0, p) for w in omega])
+    assert np.abs(np.diff(tau_f)).max() < 0.2  # of 10 N m, over 0.0005 rad/s
+
+
+@pytest.mark.parametrize(("choice", "at_10_kn"), [("table", 18.06e3), ("paper_fit", 21.6e3)])
+def test_resistance_presets_go_with_the_square_of_speed_and_against_it(choice, at_10_kn):
+    p, tables = parameter_record(HullForm(resistance=choice).component())
+    for speed in (-10.0, -3.7, 0.0, 0.1, 6.0, 11.0):
+        R = hull.resistance(knots(speed), p, tables)
+        assert pytest.approx(math.copysign(at_10_kn * (speed / 10.0) ** 2, speed), rel=1e-9) == R
+
+
+def test_resistance_lookup_meets_its_points_and_is_smooth_between():
+    form = HullForm(resistance="lookup", r_2kn=500.0, r_4kn=2.4e3, r_10kn=20e3, r_12kn=35e3)
+    p, tables = parameter_record(form.component())
+    for speed, R in [(2.0, 500.0), (-4.0, -2.4e3), (10.0, 20e3), (12.0, 35e3)]:
+        assert hull.resistance(knots(speed), p, tables) == pytest.approx(R)
+    curve = np.array([hull.resistance(u, p, tables) for u in np.linspace(-7.0, 7.0, 1401)])
+    assert (np.diff(curve) > 0.0).all()
+
+
+def test_hull_accelerates_by_thrust_less_deduction_resistance_and_environment():
+    p, tables = parameter_record(Hull())
+    x = make_record(hull.State, {"u_ship": 10.0 * KNOT})
+    u, dx = make_record(hull.Input, {"thrust": 30e3, "T_env": 1e3}), make_record(hull.State)
+    hull.derivatives(x, u, p, dx, tables)
+    assert dx.u_ship == pytest.approx((0.795 * 30e3 - 18.06e3 - 1e3) / 407.16e3)
+    assert dx.distance == x.u_ship
+    y = make_record(hull.Output)
+    hull.outputs(x, p, y, tables)
+    assert (y.v_a, y.u_thrust) == pytest.approx((0.765 * x.u_ship, 0.795 * x.u_ship))
+    # energy: what thrust gives is stored or used up
+    given = 30e3 * y.u_thrust
+    assert given == pytest.approx((p.m + p.m_add) * x.u_ship * dx.u_ship + hull.consumed(x, u, p, tables))
+
+
+def test_sum_of_thrusts_adds():
+    u, y = make_record(thrust_sum.Input, {"first": 3.0, "second": -1.0}), make_record(thrust_sum.Output)
+    thrust_sum.outputs(u, y)
+    assert y.total == 2.0
+
+
+def cruise(seconds: float, state: dict[str, float] | None = None, **inputs: float):
+    """State and output of the cruise control after `seconds` of constant inputs."""
+    p, _ = parameter_record(ShipSpeed())
+    x, u = make_record(ship_speed.State, state), make_record(ship_speed.Input, inputs)
+    y = make_record(ship_speed.Output)
+    for _ in range(round(seconds / 0.01)):
+        x_next = x.copy()
+        ship_speed.update(0.01, x, u, p, x_next, y)
+        x = x_next
+    return x, y
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_reference_ramps_at_0_05_knot_a_second_and_lags_by_10_s(way):
+    x, _ = cruise(60.0, speed_ref=way * knots(6.0))
+    assert x.u_ramp / KNOT == pytest.approx(way * 3.0)
+    # a lag behind a ramp: 3 kn - 0.05 kn/s * 10 s (1 - exp(-6))
+    assert x.u_lag / KNOT == pytest.approx(way * (3.0 - 0.5 * (1.0 - math.exp(-6.0))), abs=1e-3)
+
+
+def test_revolutions_stop_at_rated_and_the_integrator_does_not_wind_up():
+    x, y = cruise(100.0, speed_ref=knots(10.0))  # a ship that does not move
+    assert (y.n_ref, y.limited) == (1.0, 1.0)
+    assert x.speed.i < 1.0
+    x, y = cruise(100.0, speed_ref=-knots(10.0))
+    assert (y.n_ref, y.limited) == (-1.0, 1.0)
+
+
+def test_cruise_control_takes_over_from_what_ship_and_shaft_do():
+    x, y = cruise(1.0, u_ship=2.0, omega_pu=0.3, enabled=0.0, speed_ref=3.0)
+    assert (x.u_lag, x.speed.i, y.n_ref) == (2.0, 0.3, 0.3)
+    _, y = cruise(0.01, {"u_ramp": 2.0, "u_lag": 2.0, "speed.i": 0.3}, u_ship=2.0, omega_pu=0.3, speed_ref=3.0)
+    assert y.n_ref == pytest.approx(0.3, abs=1e-4)
+
+
+def test_two_integrators_are_drawn_together_only_while_both_are_on():
+    sailing = {"u_ramp": 3.0, "u_lag": 3.0, "speed.i": 0.5}
+    at_speed = {"speed_ref": 3.0, "u_ship": 3.0, "i_neighbour": 0.3}
+    x, _ = cruise(20.0, sailing, **at_speed, neighbour_enabled=1.0)
+    assert x.speed.i == pytest.approx(0.3 + 0.2 * math.exp(-1.0), abs=1e-3)
+    x, _ = cruise(20.0, sailing, **at_speed, neighbour_enabled=0.0)
+    assert x.speed.i == pytest.approx(0.5)
+
+
+def sequence(x, seconds: float, **inputs: float):
+    """State and output of the on/off sequence after `seconds` of constant inputs."""
+    p, _ = parameter_record(PropulsionSequence())
+    u, y = make_record(propulsion.Input, inputs), make_record(propulsion.Output)
+    for _ in range(round(seconds / 0.01)):
+        x_next = x.copy()
+        propulsion.update(0.01, x, u, p, x_next, y)
+        x = x_next
+    return x, y
+
+
+def test_sequence_ramps_torque_up_and_unloads_before_it_blocks():
+    x, y = sequence(make_record(propulsion.State), 0.5, on=1.0, v_dc=750.0)
+    assert (x.state, y.blocked, y.enabled) == (propulsion.RAMP_UP, 0.0, 1.0)
+    assert x.share == pytest.approx(0.5)
+    x, y = sequence(x, 0.6, on=1.0, v_dc=750.0)
+    assert (x.state, x.share) == (propulsion.ON, 1.0)
+    x, y = sequence(x, 0.5, on=0.0, v_dc=750.0)
+    assert (x.state, y.blocked) == (propulsion.RAMP_DOWN, 0.0)
+    x, y = sequence(x, 0.5, on=0.0, v_dc=750.0)
+    assert x.share == pytest.approx(0.0, abs=1e-9)
+    x, y = sequence(x, 0.03, on=0.0, v_dc=750.0)
+    assert (x.state, y.blocked, y.enabled) == (propulsion.OFF, 1.0, 0.0)
+
+
+def test_sequence_turns_round_in_the_middle_of_a_ramp():
+    x, _ = sequence(make_record(propulsion.State), 2.0, on=1.0, v_dc=750.0)
+    x, _ = sequence(x, 0.5, on=0.0, v_dc=750.0)
+    x, _ = sequence(x, 0.2, on=1.0, v_dc=750.0)
+    assert x.state == propulsion.RAMP_UP
+    assert x.share == pytest.approx(0.7)
+
+
+def test_sequence_refuses_a_low_bus_with_its_reason_and_trips_on_a_dead_one():
+    x, y = sequence(make_record(propulsion.State), 1.0, on=1.0, v_dc=690.0)
+    assert (x.state, y.blocked, y.refused) == (propulsion.OFF, 1.0, 1.0)
+    x, y = sequence(x, 2.0, on=1.0, v_dc=750.0)
+    assert (x.state, y.refused) == (propulsion.ON, 0.0)
+    x, y = sequence(x, 0.01, on=1.0, v_dc=590.0)
+    assert (x.state, x.share, y.blocked) == (propulsion.OFF, 0.0, 1.0)
+    x, y = sequence(x, 0.01, on=1.0, v_dc=650.0)
+    assert y.refused == 1.0
+    x, y = sequence(x, 0.01, on=0.0, v_dc=650.0)
+    assert y.refused == 0.0
