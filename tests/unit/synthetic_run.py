@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from shipgrid.io.results_file import ResultsWriter
+from shipgrid.scenarios.recorder import ResultsWriter
 
 RUN_YAML = """\
 schema: 1

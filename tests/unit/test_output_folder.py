@@ -7,8 +7,8 @@ from collections import namedtuple
 import pytest
 
 from shipgrid.errors import ParameterError
-from shipgrid.io import output_folder
-from shipgrid.io.output_folder import MARK, prepare
+from shipgrid.scenarios import output_folder
+from shipgrid.scenarios.output_folder import MARK, prepare
 
 
 def results(folder, text):

@@ -129,7 +129,7 @@ def test_an_interrupted_run_still_has_a_report(tmp_path):
 
 
 def test_plot_data_is_valid_json_also_where_a_value_is_not_a_number(tmp_path):
-    from shipgrid.io.results_file import ResultsWriter
+    from shipgrid.scenarios.recorder import ResultsWriter
 
     with ResultsWriter(tmp_path, {"plant": [("dc_for.v_dc", "V", "main bus voltage")]}) as writer:
         writer.append("plant", np.arange(5.0), np.array([[1.0], [np.nan], [3.0], [np.inf], [5.0]]))

@@ -10,7 +10,7 @@ import pytest
 
 from shipgrid.analysis.requirements import Requirement, evaluate
 from shipgrid.errors import InputErrors, ParameterError
-from shipgrid.io.results_file import CHUNK_ROWS, ResultsWriter
+from shipgrid.scenarios.recorder import CHUNK_ROWS, ResultsWriter
 from shipgrid.scenarios.results import bibliography, citation_keys, open_results
 
 GROUPS = {
@@ -92,7 +92,7 @@ def test_rows_of_the_wrong_shape_are_refused(tmp_path):
 def test_what_was_flushed_survives_a_killed_process(tmp_path):
     program = textwrap.dedent(f"""
         import os, numpy as np
-        from shipgrid.io.results_file import ResultsWriter
+        from shipgrid.scenarios.recorder import ResultsWriter
         w = ResultsWriter({str(tmp_path)!r}, {GROUPS!r})
         w.append("plant", 0.01 * np.arange(300), np.ones((300, 2)))
         w.events([(1.0, "genset_for", "on")])

@@ -71,7 +71,8 @@ class Layout:
         if path in self.index:
             return self.index[path]
         near = difflib.get_close_matches(path, self.index, n=1)
-        raise TopologyError(f"{asker} reads '{path}', which does not exist" + (f" (nearest: '{near[0]}')" if near else ""))
+        hint = f" (nearest: '{near[0]}')" if near else ""
+        raise TopologyError(f"{asker} reads '{path}', which does not exist{hint}")
 
 
 def lay_out(network: Network) -> Layout:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shipgrid.assembly.layout import ONE, ZERO, Layout, lay_out
+from shipgrid.assembly.layout import ONE, Layout, lay_out
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import fields_of, type_of
 from shipgrid.model.network import AcBus, DcBus, Every, Network, Placed, Sampled
@@ -23,7 +23,7 @@ from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 from shipgrid.solvers.topology import elimination_order, later_neighbours
 
 ABSURD = {DcBus: 3.0, AcBus: 4.0}
-"""A node voltage beyond this multiple of the nominal peak means that the run has diverged: no equipment would stand it."""
+"""A node voltage beyond this multiple of the nominal peak means that the run has diverged: no equipment stands it."""
 
 BOOKKEEPING_PERIOD = 1e-3
 """Period [s] of the energy audit, the limiter log and the event log: fine against everything they integrate or time."""
@@ -142,9 +142,7 @@ EVENTS = 4096
 LEDGERS = ("losses", "supplied", "consumed")
 
 
-def assemble(
-    network: Network, step: float = 30e-6, *, record: float = 0.1, record_slow: float = 1.0
-) -> Plan:
+def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, record_slow: float = 1.0) -> Plan:
     """Turn a network into a plan.
 
     Parameters
@@ -207,14 +205,13 @@ def assemble(
     def places(names: list[str]) -> np.ndarray:
         return np.array([layout.index[network.published[n].source] for n in names], dtype=np.int64)
 
+    measured = [g["measured"][:, 1] for g in gathers.values() if "measured" in g]
     plan = StepPlan(
         h=step,
         clock_inc=np.array([c[0] for c in clocks.ratios], dtype=np.int64),
         clock_den=np.array([c[1] for c in clocks.ratios], dtype=np.int64),
         clock_period=np.array(clocks.periods),
-        kept=np.unique(np.concatenate([g["measured"][:, 1] for g in gathers.values() if "measured" in g] or [[0]])).astype(
-            np.int64
-        ),
+        kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
         recorded=places(groups["plant"]),
         record_every=max(1, round(record / step)),
         slow=places(groups["slow"]),
@@ -249,10 +246,16 @@ def new_workspace(plan: Plan) -> Workspace:
     states, ports = len(plan.net.state_signal), len(plan.net.port_plus)
     sig = plan.layout.initial.copy()
     net = NetworkWork(
+        values=np.concatenate([plan.net.linear_values, np.zeros(4 * len(plan.net.machine_w) + 1)]),
+        position=np.zeros(len(plan.net.element_variant), dtype=np.int64),
         x_start=np.zeros(states),
+        x_stage=np.zeros(states),
+        x=np.zeros(states),
         z=np.zeros(states),
-        W=np.zeros(int(np.sum(plan.net.port_count)) + 1),
         history=np.zeros(ports),
+        coefficient=np.zeros(ports),
+        port_voltage=np.zeros(ports),
+        Y_linear=np.zeros((n + 1) * (n + 1)),
         Y=np.zeros((n + 1) * (n + 1)),
         rhs=np.zeros(n + 1),
         v=np.zeros(n + 1),
@@ -351,7 +354,8 @@ def _gather(layout: Layout, t: Any) -> dict[str, np.ndarray]:
         known = set(names_of(t.kind.input)) if t.nu else set()
         unknown = set(placed.inputs) - known
         if unknown:
-            raise TopologyError(f"{placed.path} ({t.kind.name}) has no inputs {sorted(unknown)}, it has {sorted(known)}")
+            what = f"{placed.path} ({t.kind.name}) has no inputs {sorted(unknown)}, it has {sorted(known)}"
+            raise TopologyError(what)
         for declared in fields_of(t.kind.input) if t.nu else []:
             if declared.name in ends:
                 continue
@@ -415,12 +419,8 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     n = len(names)
     later, neighbour = later_neighbours(n, [(rank[a], rank[b]) for a, b in pairs])
 
-    states, state_signal, inputs, input_signal, ports = [0], [], [0], [], [0]
-    matrices: list[np.ndarray] = []
-    starts, strides, counts, selectors = [], [], [], []
     port: dict[str, list[Any]] = {key: [] for key in ("plus", "minus", "c", "v", "i", "w", "first", "count", "factor")}
     w_next = 0
-    total = 0
 
     def add_ports(placed: Placed) -> None:
         nonlocal w_next
@@ -439,24 +439,20 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
             port["factor"].append(binding.weight)
         w_next += m * m
 
+    sparse = _Sparse()
+    state_signal: list[int] = []
     for _, _, placed in elements:
         kind = type_of(placed.item)
         space = state_space(placed.item)
-        ends = [terminal.v for terminal in kind.terminals]
-        state_signal += [layout.slots["x", f"{placed.path}.{s}"] for s in names_of(kind.state)]
-        input_signal += [layout.slots["u", f"{placed.path}.{u}"] for u in [*ends, *space.sources]]
-        states.append(len(state_signal))
-        inputs.append(len(input_signal))
-        held = [(), *[tuple(names_of(kind.state).index(s) for s in v) for v in kind.variants.values()]]
-        blocks = [np.concatenate([part.ravel() for part in stage_matrices(space, gh, rows)]) for rows in held]
-        starts.append(total)
-        strides.append(len(blocks[0]))
-        counts.append(len(blocks))
-        selectors.append(layout.place(placed.variant, placed.path) if placed.variant else ZERO)
-        matrices += blocks
-        total += sum(len(b) for b in blocks)
+        states = names_of(kind.state)
+        held = [(), *[tuple(states.index(s) for s in v) for v in kind.variants.values()]]
+        sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
+        selector = layout.place(placed.variant, placed.path) if placed.variant else None
+        blocks = [stage_matrices(space, gh, rows) for rows in held]
+        sparse.add(blocks, len(state_signal), len(port["plus"]), sources, selector)
+        state_signal += [layout.slots["x", f"{placed.path}.{s}"] for s in states]
         add_ports(placed)
-        ports.append(len(port["plus"]))
+    n_linear_ports = len(port["plus"])
     machine_w, machine_port = [], []
     for _, _, placed in machines:
         machine_w.append(w_next)
@@ -468,14 +464,14 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         for sign_j, node_j in ((1.0, port["plus"][j]), (-1.0, port["minus"][j])):
             if node_j == n:
                 continue
-            injections.append((j, port["c"][j], node_j, sign_j * port["factor"][j]))
+            injections.append((j, node_j, sign_j * port["factor"][j]))
             for c in range(port["count"][j]):
                 k = port["first"][j] + c
                 for sign_k, node_k in ((1.0, port["plus"][k]), (-1.0, port["minus"][k])):
                     if node_k == n:
                         continue
                     factor = sign_j * sign_k * port["factor"][j]
-                    terms.append((port["w"][j] + c, port["c"][j], port["c"][k], node_j * (n + 1) + node_k, factor))
+                    terms.append((port["w"][j] + c, j, k, node_j * (n + 1) + node_k, factor))
 
     def integers(values: Any) -> np.ndarray:
         return np.array(list(values), dtype=np.int64)
@@ -491,17 +487,9 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         node_c_gh=capacitance / gh,
         node_g=np.array([network.conductances.get(name, 0.0) for name in names]),
         node_limit=limit,
-        n_linear=len(elements),
-        states=integers(states),
         state_signal=integers(state_signal),
-        inputs=integers(inputs),
-        input_signal=integers(input_signal),
-        ports=integers(ports),
-        matrices=np.concatenate(matrices) if matrices else np.zeros(1),
-        matrix_start=integers(starts),
-        matrix_stride=integers(strides),
-        n_variants=integers(counts),
-        variant_signal=integers(selectors),
+        **sparse.arrays(),
+        n_linear_ports=n_linear_ports,
         port_plus=integers(port["plus"]),
         port_minus=integers(port["minus"]),
         port_c=integers(port["c"]),
@@ -510,17 +498,105 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         port_w=integers(port["w"]),
         port_first=integers(port["first"]),
         port_count=integers(port["count"]),
+        n_linear_terms=sum(1 for t in terms if t[1] < n_linear_ports),
         term_w=integers(t[0] for t in terms),
-        term_cj=integers(t[1] for t in terms),
-        term_ck=integers(t[2] for t in terms),
+        term_j=integers(t[1] for t in terms),
+        term_k=integers(t[2] for t in terms),
         term_y=integers(t[3] for t in terms),
         term_factor=np.array([t[4] for t in terms]),
         inject_port=integers(t[0] for t in injections),
-        inject_c=integers(t[1] for t in injections),
-        inject_node=integers(t[2] for t in injections),
-        inject_factor=np.array([t[3] for t in injections]),
+        inject_node=integers(t[1] for t in injections),
+        inject_factor=np.array([t[2] for t in injections]),
         later=later,
         neighbour=neighbour,
         machine_w=integers(machine_w),
         machine_port=integers(machine_port),
     )
+
+
+class _Sparse:
+    """Matrices of all linear elements as sparse rows, and what changes in them with the position of contacts.
+
+    An entry that is zero in every position is left out.
+    """
+
+    PARTS = ("m", "n", "b", "c", "d", "w")
+
+    def __init__(self) -> None:
+        self.values: dict[str, list[float]] = {part: [] for part in self.PARTS}
+        self.rows: dict[str, list[int]] = {"m": [0], "n": [0], "c": [0]}
+        self.columns: dict[str, list[int]] = {part: [] for part in "mnc"}
+        self.entries: dict[str, list[tuple[int, int]]] = {"b": [], "d": []}
+        self.switched: list[tuple[int, int, list[tuple[str, int]], np.ndarray]] = []
+
+    def add(
+        self,
+        blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+        state: int,
+        port: int,
+        sources: list[int],
+        selector: int | None,
+    ) -> None:
+        """Add one element, its matrices in each position; `state` and `port` are the numbers of its first ones."""
+        n, m = blocks[0][0].shape[0], blocks[0][4].shape[0]
+        slots: list[tuple[str, int]] = []
+        columns: list[list[float]] = []
+
+        def entry(part: str, numbers: list[float], *, always: bool = False) -> bool:
+            if not always and not any(numbers):
+                return False
+            slots.append((part, len(self.values[part])))
+            self.values[part].append(numbers[0])
+            columns.append(numbers)
+            return True
+
+        def rows(part: str, which: int, height: int, first: int, width: int, offset: int) -> None:
+            for r in range(height):
+                for c in range(first, first + width):
+                    if entry(part, [float(block[which][r, c]) for block in blocks]):
+                        self.columns[part].append(offset + c - first)
+                self.rows[part].append(len(self.columns[part]))
+
+        rows("m", 0, n, 0, n, state)
+        rows("n", 1, n, 0, m, port)
+        rows("c", 2, m, 0, n, state)
+        for part, which, height, offset in (("b", 1, n, state), ("d", 3, m, port)):
+            for r in range(height):
+                for c, source in enumerate(sources):
+                    if entry(part, [float(block[which][r, m + c]) for block in blocks]):
+                        self.entries[part].append((offset + r, source))
+        for r in range(m):
+            for c in range(m):
+                entry("w", [float(block[4][r, c]) for block in blocks], always=True)
+        if selector is not None:
+            self.switched.append((selector, len(blocks), slots, np.array(columns).T.ravel()))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Fields of `NetworkPlan`."""
+        starts = self.starts()
+
+        def integers(values: Any) -> np.ndarray:
+            return np.array(list(values), dtype=np.int64)
+
+        found = {f"{part}_row": integers(self.rows[part]) for part in "mnc"}
+        found |= {f"{part}_col": integers(self.columns[part]) for part in "mnc"}
+        for part in "bd":
+            found[f"{part}_row"] = integers(r for r, _ in self.entries[part])
+            found[f"{part}_source"] = integers(s for _, s in self.entries[part])
+        flat = [len(numbers) for *_, numbers in self.switched]
+        lengths = [len(slots) for _, _, slots, _ in self.switched]
+        return found | {
+            "linear_values": np.array([v for part in self.PARTS for v in self.values[part]]),
+            "part_start": integers(starts[part] for part in self.PARTS),
+            "element_variant": integers(s for s, *_ in self.switched),
+            "element_positions": integers(k for _, k, *_ in self.switched),
+            "slot_start": integers(np.cumsum([0, *lengths])),
+            "slot": integers(starts[part] + k for _, _, slots, _ in self.switched for part, k in slots),
+            "position_start": integers(np.cumsum([0, *flat])[:-1]),
+            "position_values": np.concatenate([numbers for *_, numbers in self.switched] or [np.zeros(0)]),
+        }
+
+    def starts(self) -> dict[str, int]:
+        """Where each part starts in the concatenation."""
+        lengths = [len(self.values[part]) for part in self.PARTS]
+        return dict(zip(self.PARTS, [0, *np.cumsum(lengths)[:-1].tolist()], strict=True))

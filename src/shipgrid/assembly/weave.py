@@ -390,8 +390,7 @@ def _audit(types: list[TypeLayout], imported: Callable[[Any, str], str]) -> list
         for ledger in ledgers:
             name = imported(t.kind.kernels[ledger], f"{key}_{ledger}")
             lines.append(
-                f"    energy[e] += audit_every * h * {key}_weight[i]"
-                f" * {name}({_pass(t.kind.kernels[ledger], key)})"
+                f"    energy[e] += audit_every * h * {key}_weight[i] * {name}({_pass(t.kind.kernels[ledger], key)})"
             )
             lines.append("    e += 1")
     return lines
@@ -449,5 +448,3 @@ def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
             + 0.5 * weight * farad * float(work.sig[plan.layout.index[node]]) ** 2
         )
     return found
-
-

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -157,14 +158,11 @@ def plot(
     """Plot signals of a run, those of one unit in one panel."""
     with _errors_as_exit_status():
         start, end = _quantity("--from", from_, "s"), _quantity("--to", to, "s")
-        try:
-            from shipgrid.cli.plotting import plot_signals
-        except ModuleNotFoundError as missing:
-            _refuse(f"plot: {missing.name} is not installed, expected `pip install 'shipgrid[plot]'`")
+        from shipgrid.io.plot import plot as draw
         from shipgrid.scenarios.results import open_results
 
         with open_results(results) as opened:
-            plot_signals(opened, signals, start, end, out)
+            draw(opened, signals, out, -math.inf if start is None else start, math.inf if end is None else end)
         typer.echo(f"{out} written")
 
 

@@ -115,7 +115,7 @@ def derive(p: BatteryControl) -> dict[str, float]:
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
     x_next.v_f = low_pass(u.v_dc, x.v_f, p.omega_f, dt)
     v_dc = maximum(u.v_dc, 1.0)  # a dead bus has no duty ratio
     y.ramping = y.current_limit = y.duty_limit = y.soc_low = y.soc_high = 0.0
@@ -214,3 +214,7 @@ class BatteryControl:
     soc_fade: Ratio = param(
         "width over which the current limit fades out", default=0.02, above=0.0, below=0.2, source="typical"
     )
+
+
+class Constants(BatteryControl, Derived):
+    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -18,6 +18,7 @@ from shipgrid.components.converters.buck_boost import BuckBoost, Precharge
 from shipgrid.components.sources.battery import Battery, internal_resistance, voltage_at_rest
 from shipgrid.controllers.battery_control import BatteryControl
 from shipgrid.equipment.declaration import Command, Published, equipment, reference, switch
+from shipgrid.equipment.wiring import add_modulator
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Pole, Sampled
@@ -329,7 +330,7 @@ class Bess:
             },
             clock=Sampled(self.f_sw),
         )
-        net.modulator(path["modulator"], kind="leg", source=path["control"], clock=Sampled(self.f_sw))
+        add_modulator(net, path["modulator"], kind="leg", source=path["control"], clock=Sampled(self.f_sw))
 
         sources = {
             "i_b": f"{meter}.i_b",

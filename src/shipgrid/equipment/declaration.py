@@ -10,9 +10,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar, dataclass_transform
 
-from shipgrid.model.component import check_parameters, unit_of
+from shipgrid.model.component import check_parameters, param, unit_of
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class EquipmentType:
     states: Mapping[int, str]
 
 
+Declared = TypeVar("Declared")
+
 EQUIPMENT: dict[str, EquipmentType] = {}
 
 
@@ -92,13 +94,14 @@ def reference(description: str, *kinds: str, default: str | None = None) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param, block, choice, reference))
 def equipment(
     kind: str,
     *,
     commands: tuple[Command, ...] = (),
     signals: tuple[Published, ...] = (),
     states: Mapping[int, str] | None = None,
-) -> Callable[[type], type]:
+) -> Callable[[type[Declared]], type[Declared]]:
     """Register an equipment kind.
 
     Parameters
@@ -113,7 +116,7 @@ def equipment(
         Names of the states of its sequence, by the code its `state` signal shows.
     """
 
-    def decorate(cls: type) -> type:
+    def decorate(cls: type[Declared]) -> type[Declared]:
         checks = getattr(cls, "check", None)
 
         def post_init(self: Any) -> None:

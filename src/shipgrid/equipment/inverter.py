@@ -15,6 +15,7 @@ from typing import Any
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
+from shipgrid.equipment.wiring import add_modulator
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Pole3, Sampled
 from shipgrid.model.ops import absolute, clip, hypot
@@ -82,7 +83,7 @@ def derive(p: InverterSequence) -> dict[str, float]:
 
 
 @kernel
-def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState):
+def unload(dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: SequenceState):
     """Move the set points against the power that still flows; whether little enough is left to open."""
     x_next.v_ref = clip(x.v_ref - p.rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
     x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
@@ -91,7 +92,7 @@ def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: 
 
 
 @kernel
-def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState, y: SequenceOutput):
+def update(t, dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: SequenceState, y: SequenceOutput):
     wanted = u.on.real > 0.5
     y.refused = 0.0
     if x.state == OFF and wanted:
@@ -139,6 +140,10 @@ class InverterSequence:
     rate: PerUnitPerSecond = param("ramp of the set points when unloading", default=0.25, above=0.0, source="typical")
     p_open: PerUnit = param("power at which the contactor opens", default=0.03, above=0.0, source="typical")
     q_open: PerUnit = param("reactive power at which the contactor opens", default=0.05, above=0.0, source="typical")
+
+
+class Constants(InverterSequence, Derived):
+    """What kernels read as `p`: the parameters, and what `derive` makes of them."""
 
 
 class MeterInput:
@@ -239,7 +244,7 @@ class Inverter:
             | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"},
             clock=Sampled(self.f_sw),
         )
-        net.modulator(f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(self.f_sw))
+        add_modulator(net, f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(self.f_sw))
         net.add(
             f"{name}.sequence",
             InverterSequence(v_n=grid.v_n),

@@ -24,6 +24,7 @@ from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment.declaration import Command, Published, block, choice, equipment, reference
+from shipgrid.equipment.wiring import add_modulator
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Pole3, Sampled
@@ -315,7 +316,7 @@ class Rectifier:
             },
             clock=Sampled(2.0 * self.f_sw),
         )
-        net.modulator(f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(2.0 * self.f_sw))
+        add_modulator(net, f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(2.0 * self.f_sw))
         measured = ("p_dc", "v_d", "v_q", "i_d", "i_q", "i_d_ref", "i_q_ref")
         net.add(
             f"{name}.sequence",

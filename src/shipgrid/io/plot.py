@@ -12,6 +12,8 @@ from shipgrid.analysis.requirements import Series
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.scenarios.results import Results
 
+FORMATS = (".png", ".svg", ".pdf")
+
 
 def plot(
     run: Results, signals: Sequence[str], out: Path | str, start: float = -math.inf, end: float = math.inf
@@ -37,8 +39,8 @@ def plot(
     Raises
     ------
     InputErrors
-        For signals that were not recorded, all at once; if there is nothing between `start` and `end`; if matplotlib
-        (the extra `plot`) is not installed.
+        For signals that were not recorded, all at once; if there is nothing between `start` and `end`; if `out` has
+        another ending; if matplotlib (the extra `plot`) is not installed.
     """
     try:
         from matplotlib.figure import Figure
@@ -46,6 +48,8 @@ def plot(
         raise InputErrors(["plotting needs matplotlib: pip install 'shipgrid[plot]'"]) from error
     panels: dict[str, list[tuple[str, Series]]] = {}
     problems = []
+    if Path(out).suffix not in FORMATS:
+        problems.append(f"{out}: is no picture, expected a name that ends in {', '.join(FORMATS)}")
     for name in signals:
         series = run.series(name)
         if series is None:

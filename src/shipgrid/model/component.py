@@ -14,7 +14,7 @@ import pkgutil
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar, dataclass_transform
 
 from shipgrid.errors import ParameterError
 from shipgrid.units import Unit
@@ -164,6 +164,8 @@ class ComponentType:
         return self.cls.__module__.rsplit(".", 1)[-1] + "_" + self.cls.__name__
 
 
+Declared = TypeVar("Declared")
+
 REGISTRY: dict[str, ComponentType] = {}
 
 KERNELS = (
@@ -181,6 +183,7 @@ KERNELS = (
 )
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param,))
 def component(
     *,
     state: type = Empty,
@@ -193,7 +196,7 @@ def component(
     variants: Mapping[str, tuple[str, ...]] | None = None,
     passive: bool = False,
     **kernels: Any,
-) -> Callable[[type], type]:
+) -> Callable[[type[Declared]], type[Declared]]:
     """Register a device: its record classes, kernels and terminals.
 
     Parameters
@@ -226,7 +229,7 @@ def component(
     if stage not in STAGES:
         raise TypeError(f"unknown stage {stage!r}, expected one of {STAGES}")
 
-    def decorate(cls: type) -> type:
+    def decorate(cls: type[Declared]) -> type[Declared]:
         cls.__post_init__ = check_parameters  # type: ignore[attr-defined]
         made = dataclass(frozen=True, kw_only=True)(cls)
         kind = ComponentType(
@@ -296,6 +299,13 @@ def parameters_of(cls: type) -> list[tuple[str, str, Bounds, float | None]]:
 
 
 def check_parameters(self: Any) -> None:
+    """Refuse a parameter outside its bounds; make the others floats.
+
+    Raises
+    ------
+    ParameterError
+        For the first that is no finite number inside its bounds.
+    """
     for name, unit, bounds, _ in parameters_of(type(self)):
         value = getattr(self, name)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not bounds.contains(value):

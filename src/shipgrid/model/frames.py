@@ -1,6 +1,6 @@
 """Reference frames, one convention, stated once.
 
-Amplitude-invariant Clarke and Park: `x_alpha = x_a` for a balanced set, so that p = 3/2 (v_alpha i_alpha + v_beta i_beta).
+Amplitude-invariant Clarke and Park: `x_alpha = x_a` for a balanced set, so p = 3/2 (v_alpha i_alpha + v_beta i_beta).
 The q axis leads the d axis by 90 degrees; `theta` is the angle of the d axis from the alpha axis. Ship grids are
 three-wire (insulated neutral, IEC 60092-502), so that no zero sequence current flows and alpha-beta holds all of it.
 """

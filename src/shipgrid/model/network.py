@@ -29,7 +29,7 @@ class Sampled:
 
 
 class Delayed(str):
-    """Path of a signal read as it was left by the last instant: breaks a loop within one step where it may be broken."""
+    """Path of a signal read as the last instant left it: breaks a loop within one step where it may be broken."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Pole:
 
 @dataclass(frozen=True)
 class Pole3:
-    """A two-level bridge: v_alpha = s_alpha v_dc, likewise beta; the bus delivers 3/2 (s_alpha i_alpha + s_beta i_beta)."""
+    """A two-level bridge: v_alpha = s_alpha v_dc, so beta; the bus delivers 3/2 (s_alpha i_alpha + s_beta i_beta)."""
 
     bus: DcBus
     s_alpha: str
@@ -226,7 +226,7 @@ class Network:
         bound = {name: _scalar_binding(end) for name, end in (ports or {}).items()}
         names = {terminal.name for terminal in kind.terminals}
         if set(bound) != names:
-            raise TopologyError(f"{path} ({kind.name}) has the terminals {sorted(names)}, connected are {sorted(bound)}")
+            raise TopologyError(f"{path} ({kind.name}) has terminals {sorted(names)}, connected are {sorted(bound)}")
         self.placed[path] = Placed(
             path, item, bound, dict(inputs or {}), dict(initial or {}), clock, variant, axis_weight
         )
@@ -270,26 +270,6 @@ class Network:
                 variant=variant,
                 axis_weight=1.5,
             )
-
-    def modulator(self, path: str, *, kind: str, source: str, clock: Every | Sampled) -> None:
-        """Add the averaged modulator of a converter; see `modulators.averaged`.
-
-        Parameters
-        ----------
-        path : str
-            Its name; provides `path.s_alpha`, `path.s_beta` or `path.s`.
-        kind : {"bridge", "leg"}
-            Three-phase bridge, or half-bridge leg.
-        source : str
-            Path of the controller with the outputs of those names.
-        clock : Every or Sampled
-            The controller's clock.
-        """
-        from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg
-
-        names = ("s_alpha", "s_beta") if kind == "bridge" else ("s",)
-        item = AveragedBridge() if kind == "bridge" else AveragedLeg()
-        self.add(path, item, inputs={f"{name}_ref": f"{source}.{name}" for name in names}, clock=clock)
 
     def command(self, path: str, value: float = 0.0) -> str:
         """Path of the signal of a command, declared with its value at the start."""

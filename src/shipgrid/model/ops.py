@@ -7,6 +7,7 @@ functions branch on real parts and carry the imaginary part along; plain `abs`, 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -52,7 +53,7 @@ def hypot(a, b):
     return np.sqrt(squared) if squared.real > 0.0 else 0.0 * squared
 
 
-def _arctan2(y, x):
+def _arctan2(y: Any, x: Any) -> Any:
     if isinstance(y, complex) or isinstance(x, complex):
         y, x = complex(y), complex(x)
         angle = math.atan2(y.real, x.real)

@@ -10,7 +10,7 @@ import dataclasses
 import inspect
 import typing
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from shipgrid.model.component import Empty, fields_of, type_of, unit_of
 
 
-@lru_cache(maxsize=None)
+@cache
 def record_dtype(record: type, scalar: str = "f8") -> np.dtype:
     """Structured dtype of a record class (nested blocks nest), all fields of type `scalar` (`"f8"` or `"c16"`)."""
     hints = typing.get_type_hints(record, vars(inspect.getmodule(record)), include_extras=True)
@@ -28,7 +28,7 @@ def record_dtype(record: type, scalar: str = "f8") -> np.dtype:
     return np.dtype((np.record, fields))
 
 
-@lru_cache(maxsize=None)
+@cache
 def parameter_dtype(cls: type, scalar: str = "f8") -> np.dtype:
     """Structured dtype of a component's parameters and derived constants."""
     names = [f.name for f in dataclasses.fields(cls)] + [f.name for f in fields_of(type_of(cls).derived)]

@@ -23,8 +23,8 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.errors import ParameterError, SolverError
-from shipgrid.io.output_folder import prepare
-from shipgrid.io.results_file import ResultsWriter
+from shipgrid.scenarios.output_folder import prepare
+from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.model.network import Network
 from shipgrid.scenarios.results import Results, open_results
 

@@ -38,7 +38,19 @@ def remember(sig, sources, kept, previous):
 
 @kernel
 def record(
-    done, sig, recorded, low_now, high_now, record_every, rows, value, low, high, slow_every, slow, slow_value,
+    done,
+    sig,
+    recorded,
+    low_now,
+    high_now,
+    record_every,
+    rows,
+    value,
+    low,
+    high,
+    slow_every,
+    slow,
+    slow_value,
     audit_every,
 ):
     """After step number `done`: keep extremes, write rows that are due; true if the audit is due."""
@@ -67,8 +79,23 @@ def record(
 
 @kernel
 def audit(
-    done, sig, audit_every, h, n_energy, shunt_node, energy, shunt_g, limiters, limiter_was, limiter_time, watched,
-    watched_was, event_count, event_step, event_which, event_value,
+    done,
+    sig,
+    audit_every,
+    h,
+    n_energy,
+    shunt_node,
+    energy,
+    shunt_g,
+    limiters,
+    limiter_was,
+    limiter_time,
+    watched,
+    watched_was,
+    event_count,
+    event_step,
+    event_which,
+    event_value,
 ):
     """Shunt losses, time that limiters act, changes of watched codes."""
     dt = audit_every * h

@@ -97,7 +97,7 @@ def state_space(item: Any) -> StateSpace:
         np.allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.max(np.abs(a), initial=0.0)))
         for a, b in zip(everything, sums, strict=True)
     ):
-        raise ParameterError(f"{kind.name}: a network element without a stamp has to be linear in its states and inputs")
+        raise ParameterError(f"{kind.name}: a network element without a stamp has to be linear in states and inputs")
     return StateSpace(A, B, C, D, sources)
 
 

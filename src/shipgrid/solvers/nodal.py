@@ -20,27 +20,41 @@ from shipgrid.solvers.companion import KAPPA
 
 
 class NetworkPlan(NamedTuple):
-    """Everything of the network that stays constant during a run; built by `assembly.assemble`."""
+    """Everything of the network that stays constant during a run; built by `assembly.assemble`.
+
+    States, inputs and ports of all linear elements are numbered through; machines' ports follow theirs. The matrices of
+    (companion-1) and (companion-2) are sparse rows over that numbering; their patterns hold for every position of
+    the contacts, their values are those of the positions in force (`NetworkWork`).
+    """
 
     gh: float
+    linear_values: np.ndarray  # M, N, sources' N, C, sources' D and W with all contacts closed
+    part_start: np.ndarray  # (6,) where each of these parts starts
     n_nodes: int
     node_signal: np.ndarray  # (nodes,) where each node's voltage lies in the flat vector
     node_c_gh: np.ndarray  # (nodes,) capacitance / gh
     node_g: np.ndarray  # (nodes,) shunt conductance
     node_limit: np.ndarray  # (nodes,) |v| beyond which the run has diverged
-    # linear elements
-    n_linear: int
-    states: np.ndarray  # (linear + 1,) first state of each in the concatenated state list
     state_signal: np.ndarray  # (states,) place in the flat vector
-    inputs: np.ndarray  # (linear + 1,) first input of each; terminals first
-    input_signal: np.ndarray  # (inputs,) place in the flat vector
-    ports: np.ndarray  # (linear + 1,) first port of each in the list of ports
-    matrices: np.ndarray  # M, N, C, D, W of every element and variant, row-major
-    matrix_start: np.ndarray  # (linear,)
-    matrix_stride: np.ndarray  # (linear,) from one variant to the next
-    n_variants: np.ndarray  # (linear,)
-    variant_signal: np.ndarray  # (linear,) what selects the variant
-    # ports of all elements: linear ones first, then machines' (alpha, beta)
+    m_row: np.ndarray  # (states + 1,) rows of M
+    m_col: np.ndarray
+    n_row: np.ndarray  # (states + 1,) rows of N, the columns of terminals
+    n_col: np.ndarray
+    b_row: np.ndarray  # rows of N, the columns of sources: (entries,) state, and place of the source in the flat vector
+    b_source: np.ndarray
+    c_row: np.ndarray  # (linear ports + 1,) rows of C
+    c_col: np.ndarray
+    d_row: np.ndarray  # entries of D in the columns of sources: port, and place of the source
+    d_source: np.ndarray
+    # contacts
+    element_variant: np.ndarray  # (switched elements,) place of the signal that selects the position
+    element_positions: np.ndarray  # (switched elements,) number of positions
+    slot_start: np.ndarray  # (switched elements + 1,) which entries of `values` belong to each
+    slot: np.ndarray
+    position_start: np.ndarray  # (switched elements,) its values, position after position
+    position_values: np.ndarray
+    # ports of all elements
+    n_linear_ports: int
     port_plus: np.ndarray
     port_minus: np.ndarray
     port_c: np.ndarray  # place of the coefficient in the flat vector
@@ -49,14 +63,14 @@ class NetworkPlan(NamedTuple):
     port_w: np.ndarray  # first entry of the port's row of W
     port_first: np.ndarray  # first port of the element the port belongs to
     port_count: np.ndarray  # number of ports of that element
-    # scatter lists of (nodal-1)
+    # scatter lists of (nodal-1): linear elements' terms first, then machines'
+    n_linear_terms: int
     term_w: np.ndarray
-    term_cj: np.ndarray
-    term_ck: np.ndarray
+    term_j: np.ndarray
+    term_k: np.ndarray
     term_y: np.ndarray
     term_factor: np.ndarray
     inject_port: np.ndarray
-    inject_c: np.ndarray
     inject_node: np.ndarray
     inject_factor: np.ndarray
     # elimination pattern
@@ -67,15 +81,23 @@ class NetworkPlan(NamedTuple):
 
 
 class NetworkWork(NamedTuple):
-    """Everything of the network that moves."""
+    """Everything of the network that moves.
 
+    `values` holds M, N, sources' N, C, sources' D and W of all linear elements one after the other, then the machines' W.
+    """
+
+    values: np.ndarray
+    position: np.ndarray  # (switched elements,) position of the contacts in force
     x_start: np.ndarray  # (states,) at the step's start
-    z: np.ndarray  # (states,) M x + N_s u_s of the running stage
-    W: np.ndarray
+    x_stage: np.ndarray  # where the stage starts
+    x: np.ndarray  # at the stage's end
+    z: np.ndarray  # M x + N_s u_s of the running stage
     history: np.ndarray  # (ports,) current that flows at zero voltage
+    coefficient: np.ndarray  # (ports,) switching function of the step, 1 for a plain terminal
+    port_voltage: np.ndarray  # (ports,)
+    Y_linear: np.ndarray
     Y: np.ndarray  # (nodes + 1) x (nodes + 1), row-major; the last row and column stand for the reference
-    # after a solve the diagonal holds inverse pivots
-    rhs: np.ndarray
+    rhs: np.ndarray  # after a solve the diagonal of Y holds inverse pivots
     v: np.ndarray
     v_start: np.ndarray  # at the step's start
     v_stage: np.ndarray  # where the stage starts
@@ -83,83 +105,156 @@ class NetworkWork(NamedTuple):
 
 
 @kernel
-def begin_step(sig, state_signal, x_start, n_nodes, v_start, node_signal, v_stage):
-    """Remember where the step starts."""
+def begin_step(
+    sig,
+    state_signal,
+    x_start,
+    x_stage,
+    n_nodes,
+    node_signal,
+    node_c_gh,
+    node_g,
+    v_start,
+    v_stage,
+    port_c,
+    coefficient,
+    element_variant,
+    element_positions,
+    position,
+    slot_start,
+    slot,
+    position_start,
+    position_values,
+    values,
+    part_start,
+    n_linear_terms,
+    term_w,
+    term_j,
+    term_k,
+    term_y,
+    term_factor,
+    Y_linear,
+):
+    """What both stages share: the start, the positions of the contacts, the admittances of the linear elements."""
     for k in range(state_signal.shape[0]):
         x_start[k] = sig[state_signal[k]]
+        x_stage[k] = x_start[k]
     for k in range(n_nodes):
         v_start[k] = sig[node_signal[k]]
         v_stage[k] = v_start[k]
+    for e in range(element_variant.shape[0]):
+        wanted = int(sig[element_variant[e]])
+        if wanted != position[e]:
+            position[e] = wanted
+            first = slot_start[e]
+            n = slot_start[e + 1] - first
+            if wanted < 0 or wanted >= element_positions[e]:
+                wanted = 0
+            for k in range(n):
+                values[slot[first + k]] = position_values[position_start[e] + wanted * n + k]
+    for k in range(port_c.shape[0]):
+        coefficient[k] = sig[port_c[k]]
+    width = n_nodes + 1
+    for k in range(width * width):
+        Y_linear[k] = 0.0
+    for k in range(n_nodes):
+        Y_linear[k * width + k] = node_c_gh[k] + node_g[k]
+    w = part_start[5]
+    for k in range(n_linear_terms):
+        Y_linear[term_y[k]] += term_factor[k] * coefficient[term_j[k]] * values[w + term_w[k]] * coefficient[term_k[k]]
 
 
 @kernel
-def second_stage(sig, state_signal, x_start, n_nodes, v_stage, v_start, v):
+def second_stage(x_start, x_stage, x, n_nodes, v_stage, v_start, v):
     """Start of the second stage: x0 + kappa (x1 - x0), for states and node voltages."""
-    for k in range(state_signal.shape[0]):
-        j = state_signal[k]
-        sig[j] = x_start[k] + KAPPA * (sig[j] - x_start[k])
+    for k in range(x_start.shape[0]):
+        x_stage[k] = x_start[k] + KAPPA * (x[k] - x_start[k])
     for k in range(n_nodes):
         v_stage[k] = v_start[k] + KAPPA * (v[k] - v_start[k])
 
 
 @kernel
 def element_history(
-    sig, n_linear, states, inputs, ports, variant_signal, n_variants, matrix_start, matrix_stride, state_signal,
-    input_signal, z, history, port_w, W, matrices,
+    sig,
+    x_stage,
+    z,
+    history,
+    values,
+    part_start,
+    m_row,
+    m_col,
+    b_row,
+    b_source,
+    c_row,
+    c_col,
+    d_row,
+    d_source,
+    n_linear_ports,
 ):
     """Norton history of every linear element, (companion-1) and (companion-2)."""
-    for e in range(n_linear):
-        x0 = states[e]
-        n = states[e + 1] - x0
-        u0 = inputs[e]
-        q = inputs[e + 1] - u0
-        k0 = ports[e]
-        m = ports[e + 1] - k0
-        variant = int(sig[variant_signal[e]])
-        if variant < 0 or variant >= n_variants[e]:
-            variant = 0
-        start_m = matrix_start[e] + variant * matrix_stride[e]
-        start_n = start_m + n * n
-        start_c = start_n + n * q
-        start_d = start_c + m * n
-        start_w = start_d + m * q
-        for r in range(n):
-            total = 0.0
-            for c in range(n):
-                total += matrices[start_m + r * n + c] * sig[state_signal[x0 + c]]
-            for c in range(m, q):
-                total += matrices[start_n + r * q + c] * sig[input_signal[u0 + c]]
-            z[x0 + r] = total
-        for r in range(m):
-            total = 0.0
-            for c in range(n):
-                total += matrices[start_c + r * n + c] * z[x0 + c]
-            for c in range(m, q):
-                total += matrices[start_d + r * q + c] * sig[input_signal[u0 + c]]
-            history[k0 + r] = total
-            row = port_w[k0 + r]
-            for c in range(m):
-                W[row + c] = matrices[start_w + r * m + c]
+    first = part_start[0]
+    for k in range(z.shape[0]):
+        total = 0.0
+        for a in range(m_row[k], m_row[k + 1]):
+            total += values[first + a] * x_stage[m_col[a]]
+        z[k] = total
+    first = part_start[2]
+    for a in range(b_row.shape[0]):
+        z[b_row[a]] += values[first + a] * sig[b_source[a]]
+    first = part_start[3]
+    for k in range(n_linear_ports):
+        total = 0.0
+        for a in range(c_row[k], c_row[k + 1]):
+            total += values[first + a] * z[c_col[a]]
+        history[k] = total
+    first = part_start[4]
+    for a in range(d_row.shape[0]):
+        history[d_row[a]] += values[first + a] * sig[d_source[a]]
 
 
 @kernel
-def machine_history(machine_w, W, norton, history, machine_port):
+def machine_history(machine_w, values, part_start, norton, history, machine_port):
     """Copy the machines' Norton equivalents beside the linear elements'."""
     for k in range(machine_w.shape[0]):
-        w = machine_w[k]
+        w = part_start[5] + machine_w[k]
         for c in range(4):
-            W[w + c] = norton[k, c]
+            values[w + c] = norton[k, c]
         history[machine_port[k]] = norton[k, 4]
         history[machine_port[k] + 1] = norton[k, 5]
 
 
 @kernel
 def solve(
-    sig, n_nodes, node_c_gh, node_g, v_stage, term_w, term_y, term_factor, term_cj, W, term_ck, inject_port,
-    inject_node, inject_factor, inject_c, history, later, neighbour, port_plus, port_v, port_c, port_minus, port_w,
-    port_first, port_count, port_i, Y, rhs, v,
+    sig,
+    n_nodes,
+    node_c_gh,
+    v_stage,
+    n_linear_terms,
+    term_w,
+    term_j,
+    term_k,
+    term_y,
+    term_factor,
+    coefficient,
+    values,
+    part_start,
+    inject_port,
+    inject_node,
+    inject_factor,
+    history,
+    later,
+    neighbour,
+    port_plus,
+    port_minus,
+    port_v,
+    n_linear_ports,
+    port_voltage,
+    Y_linear,
+    Y,
+    rhs,
+    v,
 ):
-    """Assemble (nodal-1), factorise, solve, and hand each port its voltage and current.
+    """Assemble (nodal-1), factorise, solve, and hand each port its voltage.
 
     A node that nothing but open contacts touches has no equation of its own; it goes to zero, and so does one node of
     an island that floats as a whole.
@@ -167,16 +262,16 @@ def solve(
     n = n_nodes
     width = n + 1
     for k in range(width * width):
-        Y[k] = 0.0
+        Y[k] = Y_linear[k]
+    w = part_start[5]
+    for k in range(n_linear_terms, term_w.shape[0]):
+        Y[term_y[k]] += term_factor[k] * coefficient[term_j[k]] * values[w + term_w[k]] * coefficient[term_k[k]]
     for k in range(n):
-        Y[k * width + k] = node_c_gh[k] + node_g[k]
         rhs[k] = node_c_gh[k] * v_stage[k]
-    for k in range(term_w.shape[0]):
-        Y[term_y[k]] += term_factor[k] * sig[term_cj[k]] * W[term_w[k]] * sig[term_ck[k]]
-    for k in range(inject_port.shape[0]):
-        rhs[inject_node[k]] -= inject_factor[k] * sig[inject_c[k]] * history[inject_port[k]]
-    for k in range(n):
         v[k] = Y[k * width + k]  # kept to tell a vanishing pivot from a small one
+    for k in range(inject_port.shape[0]):
+        j = inject_port[k]
+        rhs[inject_node[k]] -= inject_factor[k] * coefficient[j] * history[j]
     for k in range(n):
         pivot = Y[k * width + k]
         if not (np.abs(pivot) > 1e-12 * np.abs(v[k])):
@@ -199,42 +294,55 @@ def solve(
         v[k] = total * Y[k * width + k]
     v[n] = 0.0
     for k in range(port_plus.shape[0]):
-        sig[port_v[k]] = sig[port_c[k]] * (v[port_plus[k]] - v[port_minus[k]])
-    for k in range(port_plus.shape[0]):
+        port_voltage[k] = coefficient[k] * (v[port_plus[k]] - v[port_minus[k]])
+    for k in range(n_linear_ports, port_plus.shape[0]):
+        sig[port_v[k]] = port_voltage[k]  # machines take theirs from the flat vector
+
+
+@kernel
+def element_advance(x, z, values, part_start, n_row, n_col, port_voltage):
+    """State of every linear element at the stage's end."""
+    first = part_start[1]
+    for k in range(x.shape[0]):
+        total = z[k]
+        for a in range(n_row[k], n_row[k + 1]):
+            total += values[first + a] * port_voltage[n_col[a]]
+        x[k] = total
+
+
+@kernel
+def finish_step(
+    sig,
+    n_nodes,
+    v,
+    node_signal,
+    node_limit,
+    state_signal,
+    x,
+    port_voltage,
+    port_v,
+    port_i,
+    port_w,
+    port_first,
+    port_count,
+    history,
+    values,
+    part_start,
+):
+    """Publish node voltages, states, port voltages and currents.
+
+    Returns the first node whose voltage is absurd or not a number, or -1.
+    """
+    for k in range(state_signal.shape[0]):
+        sig[state_signal[k]] = x[k]
+    for k in range(port_v.shape[0]):
+        sig[port_v[k]] = port_voltage[k]
         total = history[k]
-        row = port_w[k]
+        row = part_start[5] + port_w[k]
         first = port_first[k]
         for c in range(port_count[k]):
-            total += W[row + c] * sig[port_v[first + c]]
+            total += values[row + c] * port_voltage[first + c]
         sig[port_i[k]] = total
-
-
-@kernel
-def element_advance(
-    sig, n_linear, states, inputs, ports, variant_signal, n_variants, matrix_start, matrix_stride, z, input_signal,
-    state_signal, matrices,
-):
-    """State of every linear element at the stage's end."""
-    for e in range(n_linear):
-        x0 = states[e]
-        n = states[e + 1] - x0
-        u0 = inputs[e]
-        q = inputs[e + 1] - u0
-        m = ports[e + 1] - ports[e]
-        variant = int(sig[variant_signal[e]])
-        if variant < 0 or variant >= n_variants[e]:
-            variant = 0
-        start_n = matrix_start[e] + variant * matrix_stride[e] + n * n
-        for r in range(n):
-            total = z[x0 + r]
-            for c in range(m):
-                total += matrices[start_n + r * q + c] * sig[input_signal[u0 + c]]
-            sig[state_signal[x0 + r]] = total
-
-
-@kernel
-def finish_step(sig, n_nodes, v, node_signal, node_limit):
-    """Publish the node voltages; returns the first node whose voltage is absurd or not a number, or -1."""
     bad = -1
     for k in range(n_nodes - 1, -1, -1):
         sig[node_signal[k]] = v[k]

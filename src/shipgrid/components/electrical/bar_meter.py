@@ -52,7 +52,7 @@ def derive(p: BarMeter) -> dict[str, float]:
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: BarMeter, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
     y.v_pu = hypot(u.v_alpha, u.v_beta) / p.v_b  # (1)
     if y.v_pu.real < p.v_dead.real:
         x_next.slip = 0.0
@@ -78,3 +78,7 @@ class BarMeter:
         "low-pass of the frequency", default=2.0 * math.pi * 10.0, above=0.0, source="three periods, as of a transducer"
     )
     v_dead: PerUnit = param("below this the bar counts as dead", default=0.05, above=0.0, source="dead-bus rule, 5 %")
+
+
+class Constants(BarMeter, Derived):
+    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -85,14 +85,14 @@ def forces(omega_m, v_a, p, tables):
 
 
 @kernel
-def outputs(u: Input, p: Propeller, y: Output, tables):
+def outputs(u: Input, p: Constants, y: Output, tables):
     y.thrust, y.tau = forces(u.omega_m, u.v_a, p, tables)
     n_D = u.omega_m / (2.0 * math.pi) * p.D
     y.J_adv = clip(u.v_a / n_D, -2.0, 2.0) if n_D.real != 0.0 else 0.0  # (4)
 
 
 @kernel
-def losses(u: Input, p: Propeller, tables):
+def losses(u: Input, p: Constants, tables):
     thrust, tau = forces(u.omega_m, u.v_a, p, tables)
     return tau * u.omega_m - thrust * u.u_thrust
 
@@ -221,3 +221,7 @@ class Propeller:
         at_most=1.0,
         source="[DAgostino2020] uses one open-water diagram for both screws and directions",
     )
+
+
+class Constants(Propeller, Derived):
+    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

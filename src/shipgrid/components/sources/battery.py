@@ -88,7 +88,7 @@ def internal_resistance(p: Battery) -> float:
 
 
 @kernel
-def open_circuit_voltage(q, p: Battery):
+def open_circuit_voltage(q, p: Constants):
     return p.E_0 - p.K * p.capacity / (p.capacity - q) * q + p.A * np.exp(-p.B * q)  # (2)
 
 
@@ -99,25 +99,25 @@ def voltage_at_rest(battery: Battery, soc: float) -> float:
 
 
 @kernel
-def polarisation(x: State, p: Battery):
+def polarisation(x: State, p: Constants):
     if x.i_star.real > 0.0:
         return p.R_p * p.capacity / (p.capacity - x.q) * x.i_star  # (3)
     return p.R_p * p.capacity / (x.q + CHARGE_SHIFT * p.capacity) * x.i_star
 
 
 @kernel
-def derivatives(t, x: State, u: Input, p: Battery, dx: State):
+def derivatives(t, x: State, u: Input, p: Constants, dx: State):
     dx.q = u.i  # (1)
     dx.i_star = (u.i - x.i_star) / p.T_r
 
 
 @kernel
-def limit(x: State, u: Input, p: Battery):
+def limit(x: State, u: Input, p: Constants):
     x.q = clip(x.q, 0.0, DEPTH * p.capacity)
 
 
 @kernel
-def outputs(t, x: State, u: Input, p: Battery, y: Output):
+def outputs(t, x: State, u: Input, p: Constants, y: Output):
     y.v_oc = open_circuit_voltage(x.q, p)
     y.e = y.v_oc - polarisation(x, p)  # (4)
     y.soc = 1.0 - x.q / p.capacity
@@ -127,12 +127,12 @@ def outputs(t, x: State, u: Input, p: Battery, y: Output):
 
 
 @kernel
-def supplied(x: State, u: Input, p: Battery):
+def supplied(x: State, u: Input, p: Constants):
     return open_circuit_voltage(x.q, p) * u.i
 
 
 @kernel
-def losses(x: State, u: Input, p: Battery):
+def losses(x: State, u: Input, p: Constants):
     return polarisation(x, p) * u.i
 
 
@@ -186,3 +186,7 @@ class Battery:
         source="SPS ratio",
     )
     T_r: Second = param("time constant of the polarisation", default=30.0, above=0.0, source="SPS default")
+
+
+class Constants(Battery, Derived):
+    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -1,6 +1,8 @@
-"""First-order low-pass, sampled: exact for an input held over the sampling period.
+"""First-order low-pass, sampled.
 
     y <- y + (1 - exp(-omega_c dt)) (u - y)        (1)
+
+Exact for an input held over the sampling period.
 """
 
 from __future__ import annotations
