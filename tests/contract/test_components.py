@@ -17,12 +17,14 @@ from functools import cache
 import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import TypingError
 
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly.weave import NORTON, arguments, woven_entry
 from shipgrid.equipment.declaration import EQUIPMENT, is_quantity
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.ship_file import load_ship
+from shipgrid.model import kernel as compiled_kernel
 from shipgrid.model.component import Empty, fields_of, load_all, parameters_of, type_of, unit_of
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 from shipgrid.scenarios.runner import build
@@ -94,7 +96,8 @@ class Bench:
         p, tables = parameter_record(self.item, scalar)
         position = {"position": 1.0} if kind.name == "DieselEngine" else {}  # a cell of the line, a whole number
         return {
-            "t": 0.1, "dt": 1e-3, "gh": GH, "fraction": 0.4, "p": p, "tables": tables, "delays": np.linspace(0.0, 1.0, 64),
+            "t": 0.1, "dt": 1e-3, "gh": GH, "fraction": 0.4,
+            "p": p, "tables": tables, "delays": np.linspace(0.0, 1.0, 64),
             "x": make_record(kind.state, self.values["x"] | position, scalar),
             "x_next": make_record(kind.state, self.values["x"] | position, scalar),
             "u": make_record(kind.input, self.values["u"], scalar),
@@ -167,15 +170,15 @@ def test_every_field_has_a_unit_and_a_sentence_and_every_number_a_bound_or_a_sou
 @pytest.mark.parametrize("name", NAMES)
 def test_kernels_give_the_same_compiled_and_uncompiled(name):
     kind = KINDS[name]
-    for kernel in kind.kernels:
+    for label in kind.kernels:
         for bench in benches(name):
-            compiled = bench.call(kernel, bench.records(), compiled=True)
-            assert close(compiled, bench.call(kernel, bench.records()), 1e-12), f"{name}.{kernel}: {bench.values}"
+            compiled = bench.call(label, bench.records(), compiled=True)
+            assert close(compiled, bench.call(label, bench.records()), 1e-12), f"{name}.{label}: {bench.values}"
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if set(KINDS[n].kernels) & set(DIFFERENTIABLE)])
 def test_kernels_compile_for_complex_numbers_and_their_real_part_is_the_real_kernel(name):
-    for kernel in [k for k in KINDS[name].kernels if k in DIFFERENTIABLE]:
+    for label in [k for k in KINDS[name].kernels if k in DIFFERENTIABLE]:
         for bench in benches(name, records=2):
             pair = []
             for compiled in (True, False):
@@ -183,23 +186,34 @@ def test_kernels_compile_for_complex_numbers_and_their_real_part_is_the_real_ker
                 for letter in "xu":
                     if given[letter] is not None:
                         flat_of(given[letter])[:] += 1e-6j  # larger than any rounding, far too small to matter squared
-                pair.append(bench.call(kernel, given, compiled=compiled))
-            assert close(pair[0].real, pair[1].real, 1e-12), f"{name}.{kernel}"
-            assert close(pair[0].imag, pair[1].imag, 1e-12), f"{name}.{kernel}"
-            real = bench.call(kernel, bench.records())
-            assert close(pair[0].real, real, 1e-9), f"{name}.{kernel}"  # (1e-6)^2 of curvature, and rounding
+                pair.append(bench.call(label, given, compiled=compiled))
+            assert close(pair[0].real, pair[1].real, 1e-12), f"{name}.{label}"
+            assert close(pair[0].imag, pair[1].imag, 1e-12), f"{name}.{label}"
+            real = bench.call(label, bench.records())
+            assert close(pair[0].real, real, 1e-9), f"{name}.{label}"  # (1e-6)^2 of curvature, and rounding
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_one_call_allocates_nothing(name):
     """No path of the machine code calls the run-time's allocator: better than counting on one path."""
     bench = benches(name, records=1)[0]
-    for label, kernel in KINDS[name].kernels.items():
+    for label, compiled in KINDS[name].kernels.items():
         bench.call(label, bench.records(), compiled=True)
-        for signature in kernel.signatures:
-            code = kernel.inspect_llvm(signature)
+        for signature in compiled.signatures:
+            code = compiled.inspect_llvm(signature)
             assert "call" in code
             assert "NRT_MemInfo_alloc" not in code and "NRT_Allocate" not in code, f"{name}.{label}"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_value_that_is_no_number_reaches_no_index(name):
+    """Compiled, it would read anywhere; uncompiled, it raises here. Counters and codes are whole by construction."""
+    for letter, fields in benches(name, records=1)[0].values.items():
+        for field in set(fields) - {"state", "refused"}:
+            bench = benches(name, records=1)[0]
+            bench.values[letter][field] = math.nan
+            for kernel in bench.kind.kernels:
+                bench.call(kernel, bench.records())
 
 
 CONTINUOUS = [n for n in NAMES if set(KINDS[n].kernels) & {"derivatives", "outputs"}]
@@ -209,19 +223,19 @@ CONTINUOUS = [n for n in NAMES if set(KINDS[n].kernels) & {"derivatives", "outpu
 def test_derivatives_by_complex_step_are_those_of_central_differences(name):
     """Central differences over 1e-5 of a signal's range and over half of it tell their own error."""
     for bench in benches(name, records=2):
-        for kernel, target in (("derivatives", "dx"), ("outputs", "y")):
+        for label, target in (("derivatives", "dx"), ("outputs", "y")):
             for letter, record in (("x", bench.kind.state), ("u", bench.kind.input)):
-                if kernel not in bench.kind.kernels or not bench.values[letter]:
+                if label not in bench.kind.kernels or not bench.values[letter]:
                     continue
-                exact = bench.jacobian(kernel, target, letter)
+                exact = bench.jacobian(label, target, letter)
                 for k, field in enumerate(fields_of(record)):
                     low, high = SIZES[field.unit]
                     step = 1e-5 * (high - low)
-                    coarse, _ = central(bench, kernel, target, letter, k, step)
-                    fine, size = central(bench, kernel, target, letter, k, 0.5 * step)
+                    coarse, _ = central(bench, label, target, letter, k, step)
+                    fine, size = central(bench, label, target, letter, k, 0.5 * step)
                     error = np.abs(coarse - fine) + 1e-14 * size / step  # of the next order; rounding of the function
                     assert np.all(np.abs(fine - exact[:, k]) <= error + 1e-9 * np.abs(exact[:, k])), (
-                        f"{name}.{kernel} by {letter}.{field.name}: {fine} and {exact[:, k]} at {bench.values}"
+                        f"{name}.{label} by {letter}.{field.name}: {fine} and {exact[:, k]} at {bench.values}"
                     )
 
 
@@ -367,14 +381,17 @@ def test_parameters_that_a_ship_file_sets_arrive_as_they_were_written():
 
     for name, item in owners.items():
         draw(item, name if name == "hull" else f"equipment.{name}", (name,))
-    refused = []
-    for _ in range(3):  # a check names the first it finds
+    changed, refused = None, 0
+    while changed is None:
         try:
             changed = load_ship("ferry", [(path, text) for path, (text, _, _) in wanted.items()])
-        except InputErrors as wrong:
-            owned = re.findall(r"equipment\.(\w+): \w+\.(\S+) = \S+ is set by", str(wrong))
-            refused += [wanted.pop(f"equipment.{item}.{field}") for item, field in owned]
-    assert len(refused) <= 12, "a few of a block's numbers follow from the item's rating"
+        except InputErrors as wrong:  # of an item's block, a few numbers follow from the item's own: the first is named
+            follows = re.findall(r"equipment\.(\w+): \w+\.(\S+) = \S+ is set by", str(wrong))
+            assert follows, str(wrong)
+            refused += len(follows)
+            for item, field in follows:
+                del wanted[f"equipment.{item}.{field}"]
+    assert refused < 0.2 * len(wanted)
     assert len(wanted) > 8 * len(EQUIPMENT)
     for path, (_, value, read) in wanted.items():
         found = changed.hull if read[0] == "hull" else changed.equipment[read[0]]
@@ -396,3 +413,12 @@ def test_the_ferry_started_at_rest_stays_there():
     # the batteries feed 20 kW of hotel load, which is 3e-4 of their charge in this time
     moved = dict(zip(slow, work.sig[places] - before, strict=True))
     assert work.sig[places] == pytest.approx(before, rel=5e-4, abs=1e-4), moved
+
+
+def test_a_kernel_that_would_allocate_does_not_compile():
+    @compiled_kernel
+    def greedy(n):
+        return np.zeros(n).sum()
+
+    with pytest.raises(TypingError):
+        greedy(3)

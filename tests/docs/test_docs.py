@@ -13,6 +13,8 @@ from shipgrid.scenarios.results import CITATION, bibliography
 ROOT = Path(__file__).parents[2]
 SOURCE = sorted((ROOT / "src" / "shipgrid").rglob("*.py"))
 TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCE}
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+THEORY = sorted((ROOT / "docs" / "theory").glob("*.md"))
 DOCUMENTED = (ast.FunctionDef, ast.ClassDef, ast.Module)
 
 
@@ -53,6 +55,23 @@ def test_the_keys_that_are_cited_are_in_the_bibliography():
     bibliography(sorted(cited))  # raises with the list of those that are missing
 
 
+def test_the_keys_that_pages_cite_are_in_the_bibliography():
+    cited = {key for page in PAGES for key in CITATION.findall(page.read_text(encoding="utf-8"))}
+    assert "Alexander1977" in cited, "the search for citations finds nothing"
+    bibliography(sorted(cited))  # raises with the list of those that are missing
+
+
+def test_pages_and_equations_that_the_source_names_exist():
+    source = "\n".join(path.read_text(encoding="utf-8") for path in SOURCE)
+    named = set(re.findall(r"docs/[a-z_/]+/[\w-]+\.md", source))
+    assert "docs/theory/converters.md" in named, "the search for pages finds nothing"
+    assert [page for page in sorted(named) if not (ROOT / page).is_file()] == []
+    tags = {tag for page in THEORY for tag in re.findall(r"\\tag\{([a-z-]+-\d+)\}", page.read_text(encoding="utf-8"))}
+    equations = set(re.findall(r"\(([a-z]+-\d+)\)", source))
+    assert "nodal-1" in equations, "the search for equations finds nothing"
+    assert sorted(equations - tags) == []
+
+
 def test_docs_and_package_share_one_bibliography():
     assert (ROOT / "docs/references.bib").read_text() == (ROOT / "src/shipgrid/data/references.bib").read_text()
 
@@ -86,7 +105,7 @@ def test_every_module_says_what_it_is_for(path):
     assert ast.get_docstring(TREES[path])
 
 
-@pytest.mark.parametrize("path", sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]), ids=name_of)
+@pytest.mark.parametrize("path", PAGES, ids=name_of)
 def test_links_of_a_page_lead_to_files(path):
     links = re.findall(r"\]\(([^)#]+?)\)", path.read_text(encoding="utf-8"))
     broken = [link for link in links if "://" not in link and not (path.parent / link).exists()]

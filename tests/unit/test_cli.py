@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import synthetic_run
 from typer.testing import CliRunner
 
 from shipgrid.cli.main import app
@@ -222,6 +223,13 @@ def test_help_answers_without_the_heavy_libraries():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_plot_draws_a_window_of_a_run(tmp_path):
+    folder, out = synthetic_run.write(tmp_path), tmp_path / "plot.svg"
+    result = shipgrid("plot", str(folder), "dc_for.v_dc", "--from", "300s", "--to", "330s", "--out", str(out))
+    assert result.exit_code == 0, result.output
+    assert out.read_text().startswith("<?xml")
 
 
 def test_bench_prints_json(monkeypatch):

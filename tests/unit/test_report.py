@@ -176,3 +176,10 @@ def test_a_plot_of_unknown_signals_names_all_of_them(run, tmp_path):
         plot(run, ["dc_for.vdc", "nothing.at_all"], tmp_path / "plot.png")
     assert len(caught.value.problems) == 2 and "nearest: 'dc_for.v_dc'" in caught.value.problems[0]
     assert not (tmp_path / "plot.png").exists()
+
+
+def test_a_plot_is_a_picture(run, tmp_path):
+    with pytest.raises(
+        InputErrors, match=r"plot\.txt: is no picture, expected a name that ends in \.png, \.svg, \.pdf"
+    ):
+        plot(run, ["dc_for.v_dc"], tmp_path / "plot.txt")

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from verification.circuits import Hold, Sampler, SourceBranch
 
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.errors import TopologyError
 from shipgrid.model.network import Across, Network, Pole, PortBinding, Sampled
+from verification.circuits import Hold, Sampler, SourceBranch
 
 R, L, C, E = 0.1, 1e-3, 100e-6, 100.0
 

@@ -1,1 +1,1 @@
-
+"""Questions about a model or a run: operating point, requirements, comparison."""

@@ -11,14 +11,17 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
+from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import DcBus
-from shipgrid.model.records import make_record, names_of
+from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
 
 COMPLEX_STEP = 1e-40
 
@@ -37,7 +40,8 @@ def advance(plan: Plan, work: Workspace, seconds: float) -> None:
         n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
         done = entry(n, work.n, *values)
         if done < 0:
-            raise SteadyStateError(f"no operating point: the run towards it diverged at {(work.n - done) * plan.h:.4f} s")
+            when = (work.n - done) * plan.h
+            raise SteadyStateError(f"no operating point: the run towards it diverged at {when:.4f} s")
         work.n += n
         work.step.rows[:] = 0
         work.step.event_count[0] = 0
@@ -47,48 +51,41 @@ def advance(plan: Plan, work: Workspace, seconds: float) -> None:
 def continuous_newton(plan: Plan, work: Workspace) -> None:
     """Put every continuous state where its component's own derivatives vanish, the inputs as they are."""
     for t in plan.layout.types:
-        kind = t.kind
-        kernel = kind.kernels.get("derivatives")
-        if kernel is None or kind.terminals or not t.nx:
+        if "derivatives" not in t.kind.kernels or t.kind.terminals or not t.nx:
             continue
-        free = [
-            k for k, f in enumerate(fields_of(kind.state)) if not (f.signal.rotates or f.signal.counts)
-        ]
-        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
-        width = len(t.parameters) // len(t.placed) if len(t.parameters) else 0
+        free = [k for k, f in enumerate(fields_of(t.kind.state)) if not (f.signal.rotates or f.signal.counts)]
         for i in range(len(t.placed)):
-            place = t.x + i * t.nx
-            x0 = work.sig[place : place + t.nx]
-            u0 = work.sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]
-
-            def rate(x: np.ndarray, i: int = i, u0: np.ndarray = u0) -> np.ndarray:
-                dx = make_record(kind.state, scalar="c16")
-                values = {
-                    "t": 0.0,
-                    "x": make_record(kind.state, dict(zip(names_of(kind.state), x, strict=True)), "c16"),
-                    "u": make_record(kind.input, dict(zip(names_of(kind.input), u0, strict=True)), "c16"),
-                    "dx": dx,
-                    "tables": plan.step.tables,
-                    "delays": work.step.delays,
-                }
-                if width:
-                    from shipgrid.model.records import parameter_dtype
-
-                    flat = t.parameters[i * width : (i + 1) * width].astype("c16")
-                    values["p"] = flat.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0]
-                kernel.py_func(*[values[n] for n in names])
-                return np.frombuffer(dx, dtype="c16").copy()
-
-            x = x0.astype(complex)
-            residual = rate(x).real[free]
+            x = work.sig[t.x + i * t.nx : t.x + (i + 1) * t.nx]
+            residual = _rates(plan, work, t, i, x.astype(complex)).real[free]
             jacobian = np.empty((len(free), len(free)))
             for column, k in enumerate(free):
-                stepped = x.copy()
+                stepped = x.astype(complex)
                 stepped[k] += 1j * COMPLEX_STEP
-                jacobian[:, column] = rate(stepped).imag[free] / COMPLEX_STEP
+                jacobian[:, column] = _rates(plan, work, t, i, stepped).imag[free] / COMPLEX_STEP
             move = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
             if np.all(np.isfinite(move)):
-                x0[free] += move
+                x[free] += move
+
+
+def _rates(plan: Plan, work: Workspace, t: TypeLayout, i: int, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Derivatives of the states `x` of the i-th component of a type, with the parameters and inputs it has now."""
+    kind = t.kind
+    u = work.sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]
+    dx = make_record(kind.state, scalar="c16")
+    values = {
+        "t": 0.0,
+        "x": make_record(kind.state, dict(zip(names_of(kind.state), x, strict=True)), "c16"),
+        "u": make_record(kind.input, dict(zip(names_of(kind.input), u, strict=True)), "c16"),
+        "dx": dx,
+        "tables": plan.step.tables,
+        "delays": work.step.delays,
+    }
+    if len(t.parameters):
+        width = len(t.parameters) // len(t.placed)
+        p = t.parameters[i * width : (i + 1) * width].astype("c16")
+        values["p"] = p.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0]
+    call_uncompiled(kind.kernels["derivatives"], values)
+    return flat_of(dx)
 
 
 def operating_point(
@@ -102,8 +99,8 @@ def operating_point(
     commands : mapping of str to float
         Commands, by path, that stand.
     tolerance : float
-        Largest drift [per second] of any state of a controller or a continuous component, relative to its size (or to 1,
-        if that is larger). The default lets a battery's voltage follow the charge it gives.
+        Largest drift [per second] of any state of a controller or a continuous component, relative to its size (or to
+        1, if that is larger). The default lets a battery's voltage follow the charge it gives.
     longest : float
         Simulated time [s] after which the search gives up.
 
@@ -148,7 +145,8 @@ def operating_point(
             break
     work.sig[counting] = started
     if not worst < tolerance:
-        raise SteadyStateError(f"no operating point in {longest:g} s: {name} still drifts by {worst:.2g} of itself a second")
+        drift = f"{name} still drifts by {worst:.2g} of itself a second"
+        raise SteadyStateError(f"no operating point in {longest:g} s: {drift}")
     return fresh(plan, work), worst
 
 

@@ -36,6 +36,8 @@ class StepPlan(NamedTuple):
     clock_inc: np.ndarray
     clock_den: np.ndarray
     clock_period: np.ndarray
+    due_start: np.ndarray  # (clocks + 1,) first entry of `due_type` of each clock
+    due_type: np.ndarray  # numbers of the component types with an instance on it
     kept: np.ndarray  # places of the measured network quantities, remembered for interpolation
     recorded: np.ndarray  # (signals,) places of the signals of the first group
     record_every: int
@@ -43,7 +45,7 @@ class StepPlan(NamedTuple):
     slow_every: int
     audit_every: int
     shunt_node: np.ndarray
-    shunt_g: np.ndarray
+    shunt_g: np.ndarray  # conductance, times 3/2 for one axis of a three-phase bus
     n_energy: int
     limiters: np.ndarray
     watched: np.ndarray
@@ -53,6 +55,7 @@ class StepPlan(NamedTuple):
 class StepWork(NamedTuple):
     """What the woven step writes beside the signals."""
 
+    due: np.ndarray  # (types,) 1 where an instance runs in this step
     clock_phase: np.ndarray
     clock_before: np.ndarray  # fraction of the last step at which the clock's instant fell, or -1
     clock_ahead: np.ndarray  # the same for the coming step
@@ -206,11 +209,14 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         return np.array([layout.index[network.published[n].source] for n in names], dtype=np.int64)
 
     measured = [g["measured"][:, 1] for g in gathers.values() if "measured" in g]
+    due = [[k for k, t in enumerate(layout.types) if c in clock_of[t.kind.key]] for c in range(len(clocks.periods))]
     plan = StepPlan(
         h=step,
         clock_inc=np.array([c[0] for c in clocks.ratios], dtype=np.int64),
         clock_den=np.array([c[1] for c in clocks.ratios], dtype=np.int64),
         clock_period=np.array(clocks.periods),
+        due_start=np.cumsum([0, *(len(on) for on in due)]),
+        due_type=np.array([k for on in due for k in on], dtype=np.int64),
         kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
         recorded=places(groups["plant"]),
         record_every=max(1, round(record / step)),
@@ -218,7 +224,7 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         slow_every=max(1, round(record_slow / step)),
         audit_every=max(1, round(BOOKKEEPING_PERIOD / step)),
         shunt_node=np.array([net.node_signal[k] for k in node_order], dtype=np.int64),
-        shunt_g=np.array([g for _, g in shunts]),
+        shunt_g=np.array([g * axis_weight(layout.nodes[k]) for k, g in shunts]),
         n_energy=len(energy_items),
         limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
         watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),
@@ -264,6 +270,7 @@ def new_workspace(plan: Plan) -> Workspace:
         norton=np.zeros((len(plan.net.machine_w), 6)),
     )
     step = StepWork(
+        due=np.zeros(len(plan.layout.types), dtype=np.int64),
         clock_phase=np.zeros(len(plan.periods), dtype=np.int64),
         clock_before=np.full(len(plan.periods), -1.0),
         clock_ahead=np.ones(len(plan.periods)),  # an instant at time zero: every controller starts with a sample
@@ -288,6 +295,11 @@ def new_workspace(plan: Plan) -> Workspace:
     return Workspace(0, sig, net, step)
 
 
+def axis_weight(node: str) -> float:
+    """What energy at a node counts: 3/2 for one axis of a three-phase bus (amplitude-invariant), 1 for a DC bus."""
+    return 1.5 if node.endswith((".v_alpha", ".v_beta")) else 1.0
+
+
 class _Clocks:
     """Clocks as integer arithmetic: each step adds `inc`, an instant falls where the sum passes `den`."""
 
@@ -305,7 +317,8 @@ class _Clocks:
             inc, period = 1, den * self.h
         else:
             assert isinstance(clock, Sampled)
-            ratio = Fraction(repr(clock.hertz)) * Fraction(repr(self.h))
+            # the nearest ratios of whole numbers: 3/100000 s also for a step computed as 30 * 1e-6
+            ratio = Fraction(clock.hertz).limit_denominator(10**6) * Fraction(self.h).limit_denominator(10**9)
             if ratio > 1:
                 raise ParameterError(
                     f"step = {self.h:g} s is too long for {placed.path}, which is sampled at {clock.hertz:g} Hz: "

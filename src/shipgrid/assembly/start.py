@@ -8,6 +8,7 @@ import numpy as np
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import _order, _views
+from shipgrid.model.kernel import argument_names, call_uncompiled
 
 
 def settle_outputs(plan: Plan, work: Workspace) -> None:
@@ -35,13 +36,12 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
             if kernel is None:
                 continue
             views = dict(_views(plan, work, t))
-            function = getattr(kernel, "py_func", kernel)
-            names = function.__code__.co_varnames[: function.__code__.co_argcount]
+            names = argument_names(kernel)
             for i in range(len(t.placed)):
                 values: dict[str, Any] = {"t": 0.0, "tables": plan.step.tables, "delays": work.step.delays}
                 values |= {n: views[f"{kind.key}_{n}"].view(np.recarray)[i] for n in names if n not in values}
                 with np.errstate(all="ignore"):  # a machine at rest divides zero by zero where its kernel guards by inf
-                    function(*[values[n] for n in names])
+                    call_uncompiled(kernel, values)
         sig[pairs[:, 0]] = sig[pairs[:, 1]]
     work.step.previous[:] = sig
     work.step.watched_was[:] = sig[plan.step.watched]

@@ -23,9 +23,10 @@ import numpy as np
 
 import shipgrid
 from shipgrid.assembly.layout import TypeLayout
-from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace
+from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES
+from shipgrid.model.kernel import argument_names, call_uncompiled
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, nodal
@@ -166,8 +167,9 @@ def weave(plan: Plan) -> str:
         if stage == "network":
             calls += _network(types, imported, function)
         else:
-            members = [t for t in ordered if t.kind.stage == stage]
-            calls += [function(f"{stage}_{t.kind.key}", _call(t, imported)) for t in members]
+            for t in (t for t in ordered if t.kind.stage == stage):
+                call = function(f"{stage}_{t.kind.key}", _call(t, imported))
+                calls += [call] if stage == "modulate" else [f"if due[{types.index(t)}] != 0:", f"    {call}"]
     books = function("keep_books", _audit(types, imported))
     lines = [
         '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
@@ -236,7 +238,6 @@ def _names(t: TypeLayout) -> list[str]:
 
 def _pass(kernel: Any, key: str, **values: str) -> str:
     function = getattr(kernel, "py_func", kernel)
-    code = function.__code__
     given = {
         "t": "t",
         "tables": "tables",
@@ -248,7 +249,7 @@ def _pass(kernel: Any, key: str, **values: str) -> str:
         "n": f"{key}_n[i]",
         "gh": "gh",
     } | values
-    names = code.co_varnames[: code.co_argcount]
+    names = argument_names(kernel)
     missing = [name for name in names if name not in given]
     if missing:
         raise TypeError(f"kernel {function.__module__}.{function.__name__} asks for unknown arguments {missing}")
@@ -437,14 +438,12 @@ def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
             continue
         views = dict(_views(plan, work, t))
         key = t.kind.key
-        names = kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]
+        names = argument_names(kernel)
         for i, placed in enumerate(t.placed):
             values = {n: (plan.step.tables if n == "tables" else views[f"{key}_{n}"][i]) for n in names}
-            found[placed.path] = placed.axis_weight * float(kernel.py_func(**values))
+            found[placed.path] = placed.axis_weight * float(call_uncompiled(kernel, values))
     for node, farad in plan.network.capacitances.items():
-        weight = 1.5 if node.endswith(("v_alpha", "v_beta")) else 1.0
-        found[f"{node.rsplit('.', 1)[0]}.capacitance"] = (
-            found.get(f"{node.rsplit('.', 1)[0]}.capacitance", 0.0)
-            + 0.5 * weight * farad * float(work.sig[plan.layout.index[node]]) ** 2
-        )
+        path = f"{node.rsplit('.', 1)[0]}.capacitance"
+        energy = 0.5 * axis_weight(node) * farad * float(work.sig[plan.layout.index[node]]) ** 2
+        found[path] = found.get(path, 0.0) + energy
     return found

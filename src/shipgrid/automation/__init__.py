@@ -1,1 +1,1 @@
-
+"""The ship's own rules: modes, interlocks, synchronising, power management."""

@@ -1,1 +1,1 @@
-
+"""The world outside, as a command line."""

@@ -1,1 +1,1 @@
-
+"""The physics: one device, one file."""

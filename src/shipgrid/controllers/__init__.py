@@ -1,1 +1,1 @@
-
+"""The control: one controller, one file."""

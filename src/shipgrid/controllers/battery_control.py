@@ -115,7 +115,7 @@ def derive(p: BatteryControl) -> dict[str, float]:
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Output):
     x_next.v_f = low_pass(u.v_dc, x.v_f, p.omega_f, dt)
     v_dc = maximum(u.v_dc, 1.0)  # a dead bus has no duty ratio
     y.ramping = y.current_limit = y.duty_limit = y.soc_low = y.soc_high = 0.0
@@ -180,7 +180,7 @@ def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
 
 
 @component(state=State, input=Input, output=Output, derived=Derived, derive=derive, stage="inner", update=update)
-class BatteryControl:
+class BatteryControl(Derived):
     """Sampled control of a battery converter."""
 
     L: Henry = param("choke inductance", default=0.8e-3, above=0.0, source="[DAgostino2020] table A1")
@@ -214,7 +214,3 @@ class BatteryControl:
     soc_fade: Ratio = param(
         "width over which the current limit fades out", default=0.02, above=0.0, below=0.2, source="typical"
     )
-
-
-class Constants(BatteryControl, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -11,7 +11,7 @@ bridge carries no computation delay, as a hysteresis comparator has none. (5) ho
 step while the rotor turns: half a step's advance makes the mean right. When (4) acts the vector is shortened and
 keeps its direction.
 
-Source: models page, section 6.
+Source: docs/theory/propulsion.md.
 """
 
 from __future__ import annotations
@@ -77,4 +77,4 @@ class DriveCurrent:
     L_d: Henry = param("direct-axis inductance", default=1.83e-3, above=0.0, source="as the motor's")
     L_q: Henry = param("quadrature-axis inductance", default=1.83e-3, above=0.0, source="as the motor's")
     tau_n: NewtonMetre = param("rated torque", default=5729.6, above=0.0, source="270 kW at 450 rpm")
-    tau_c: Second = param("time constant of the current", default=1e-3, above=0.0, source="models page, section 6")
+    tau_c: Second = param("time constant of the current", default=1e-3, above=0.0, source="docs/theory/propulsion.md")

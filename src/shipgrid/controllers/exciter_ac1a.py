@@ -96,7 +96,7 @@ def rectified(v_e, i_fd, p):
 
 
 @kernel
-def derivatives(t, x: State, u: Input, p: Constants, dx: State):
+def derivatives(t, x: State, u: Input, p: Ac1a, dx: State):
     v_fe = p.K_E * x.v_e + saturation(x.v_e, p) + p.K_D * u.i_fd  # (7)
     e = u.v_ref - x.v_m - p.K_F / p.T_F * (v_fe - x.x_f) if u.on.real > 0.5 else 0.0 * x.v_m  # (2)
     dx.v_m = (u.v_t - x.v_m) / p.T_R  # (1)
@@ -112,14 +112,14 @@ def derivatives(t, x: State, u: Input, p: Constants, dx: State):
 
 
 @kernel
-def outputs(t, x: State, u: Input, p: Constants, y: Output):
+def outputs(t, x: State, u: Input, p: Ac1a, y: Output):
     y.E_fd = rectified(x.v_e, u.i_fd, p)  # (8)
     y.v_fe = p.K_E * x.v_e + saturation(x.v_e, p) + p.K_D * u.i_fd
     y.limited = 1.0 if x.v_a.real >= p.V_Rmax.real or x.v_a.real <= p.V_Rmin.real else 0.0
 
 
 @kernel
-def limit(x: State, u: Input, p: Constants):
+def limit(x: State, u: Input, p: Ac1a):
     x.v_a = clip(x.v_a, p.V_Amin, p.V_Amax)
     x.v_e = maximum(x.v_e, 0.0)
 
@@ -134,7 +134,7 @@ def limit(x: State, u: Input, p: Constants):
     outputs=outputs,
     limit=limit,
 )
-class Ac1a:
+class Ac1a(Derived):
     """Excitation system AC1A; E_fd and i_fd per unit of the no-load field on the air-gap line."""
 
     K_A: PerUnit = param("regulator gain", default=600.0, above=0.0, source="[DAgostino2020] table A1")
@@ -159,7 +159,3 @@ class Ac1a:
     quadratic: Ratio = param(
         "saturation law: 0 exponential, 1 quadratic", default=0.0, at_least=0.0, at_most=1.0, source="[IEEE421.5]"
     )
-
-
-class Constants(Ac1a, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -123,7 +123,7 @@ def derive(p: GridForming) -> dict[str, float]:
 
 
 @kernel
-def droop(p_ac, q_ac, dt, x: State, u: Input, p: Constants, x_next: State):
+def droop(p_ac, q_ac, dt, x: State, u: Input, p: GridForming, x_next: State):
     """Frequency and voltage of the droops [pu]: (1), (2)."""
     x_next.power = low_pass(u.p_ref - p_ac, x.power, p.omega_c, dt)
     x_next.lead = low_pass(x_next.power, x.lead, 1.0 / p.T_2, dt)
@@ -161,7 +161,7 @@ def integrate(e_d, e_q, k_i, blocked, dt, x: Vector, x_next: Vector):
 
 
 @kernel
-def rest(x: State, u: Input, p: Constants, dt, x_next: State, y: Output):
+def rest(x: State, u: Input, p: GridForming, dt, x_next: State, y: Output):
     """Blocked: the angle turns on at the set frequency, all else is reset."""
     x_next.theta = wrap(x.theta + p.omega_b * u.omega_ref * dt)
     x_next.v_set = 0.0
@@ -188,7 +188,7 @@ def rest(x: State, u: Input, p: Constants, dt, x_next: State, y: Output):
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: GridForming, x_next: State, y: Output):
     if u.enable.real < 0.5:
         rest(x, u, p, dt, x_next, y)
         return
@@ -239,7 +239,7 @@ def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
 
 
 @component(state=State, input=Input, output=Output, derived=Derived, derive=derive, update=update, stage="inner")
-class GridForming:
+class GridForming(Derived):
     """Droop, virtual impedances, voltage and current loops of a grid-forming inverter."""
 
     S_n: VoltAmpere = param("rating", default=50e3, above=0.0, source="[DAgostino2020] table A1")
@@ -276,10 +276,6 @@ class GridForming:
     v_rate: PerUnitPerSecond = param(
         "ramp of the voltage set point", default=1.0 / 1.5, above=0.0, source="black start in 1 to 2 s"
     )
-
-
-class Constants(GridForming, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""
 
 
 PRESETS = {

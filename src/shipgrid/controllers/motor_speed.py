@@ -10,7 +10,7 @@ It runs at every step, like the current control below it: (1) closes a loop thro
 (link capacitance over the conductance tau_max omega / (v_full - v_zero)) is about a millisecond; a slower sampling of
 v_dc would make it hunt.
 
-Source: models page, sections 6 and 8; [DAgostino2020] table A1.
+Source: [DAgostino2020] table A1; docs/theory/propulsion.md.
 """
 
 from __future__ import annotations

@@ -150,7 +150,7 @@ def q_headroom(i_d, v_c, v_lim, p):
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: RectifierControl, x_next: State, y: Output):
     # measurements, per unit, on the PLL's d axis
     cos, sin = np.cos(x.pll.theta), np.sin(x.pll.theta)
     v_d, v_q = rotate(u.v_c_alpha / p.V_b, u.v_c_beta / p.V_b, cos, sin)
@@ -227,7 +227,7 @@ def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
 
 
 @component(state=State, input=Input, output=Output, derived=Derived, derive=derive, stage="inner", update=update)
-class RectifierControl:
+class RectifierControl(Derived):
     """Grid-side control of the active rectifier of a diesel genset."""
 
     S_n: VoltAmpere = param(
@@ -321,7 +321,3 @@ class RectifierControl:
     pll_band: Hertz = param(
         "largest deviation of the PLL from the nominal frequency", default=10.0, above=0.0, source="design choice"
     )
-
-
-class Constants(RectifierControl, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -22,7 +22,7 @@ rest (tested). Against a steady force at standstill (wind) it holds with a sligh
 
 While the drive is off it follows the ship's and the shaft's actual speed, and takes over from there.
 
-Source: models page, section 8; [DAgostino2020] table A1.
+Source: [DAgostino2020] table A1; docs/theory/propulsion.md.
 """
 
 from __future__ import annotations
@@ -84,10 +84,13 @@ class ShipSpeed:
         "ship speed that is 1 pu", default=10.0 * KNOT, above=0.0, source="10 kn, [DAgostino2020] table A1"
     )
     rate: MetrePerSecond2 = param(
-        "ramp of the reference", default=0.05 * KNOT, above=0.0, source="0.05 kn/s: models page, section 8"
+        "ramp of the reference", default=0.05 * KNOT, above=0.0, source="0.05 kn/s: docs/theory/propulsion.md"
     )
     T_lag: Second = param(
-        "time constant of the lag", default=10.0, above=0.0, source="models page, section 8: without it 2.7 % overshoot"
+        "time constant of the lag",
+        default=10.0,
+        above=0.0,
+        source="without it 2.7 % overshoot: docs/theory/propulsion.md",
     )
     T_share: Second = param(
         "time constant of sharing between drives", default=20.0, above=0.0, source="chosen: slower than K_p / K_i"

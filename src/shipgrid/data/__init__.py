@@ -1,1 +1,1 @@
-
+"""Propeller tables and the bibliography, with their sources."""

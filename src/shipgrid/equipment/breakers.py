@@ -84,7 +84,7 @@ class AcInput:
 
 
 @kernel
-def ac_update(t, dt, x: AcState, u: AcInput, p: AcConstants, x_next: AcState, y: SequenceOutput):
+def ac_update(t, dt, x: AcState, u: AcInput, p: AcBreakerControl, x_next: AcState, y: SequenceOutput):
     v_from = hypot(u.from_alpha, u.from_beta) / p.v_b
     v_to = hypot(u.to_alpha, u.to_beta) / p.v_b
     cross = u.from_alpha * u.to_beta - u.from_beta * u.to_alpha
@@ -129,7 +129,7 @@ def ac_derive(p: AcBreakerControl) -> dict[str, float]:
     update=ac_update,
     stage="supervise",
 )
-class AcBreakerControl:
+class AcBreakerControl(AcDerived):
     """Closes on a dead bar, or when both sides have been in step for a while."""
 
     v_n: Volt = param("nominal voltage, line to line, rms", default=400.0, above=0.0, source="[DAgostino2020] table A1")
@@ -140,10 +140,6 @@ class AcBreakerControl:
     dv_max: PerUnit = param("largest difference of voltage", default=0.01, above=0.0, source="synchronising rule")
     hold: Second = param("time in step before closing", default=0.2, at_least=0.0, source="synchronising rule")
     v_dead: PerUnit = param("below this a bar is dead", default=0.05, above=0.0, source="dead-bus rule")
-
-
-class AcConstants(AcBreakerControl, AcDerived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""
 
 
 def publish_position(net: Network, name: str, refusals: Mapping[int, str]) -> None:

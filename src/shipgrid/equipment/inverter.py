@@ -83,7 +83,7 @@ def derive(p: InverterSequence) -> dict[str, float]:
 
 
 @kernel
-def unload(dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: SequenceState):
+def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState):
     """Move the set points against the power that still flows; whether little enough is left to open."""
     x_next.v_ref = clip(x.v_ref - p.rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
     x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
@@ -92,7 +92,7 @@ def unload(dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: Sequenc
 
 
 @kernel
-def update(t, dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: SequenceState, y: SequenceOutput):
+def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState, y: SequenceOutput):
     wanted = u.on.real > 0.5
     y.refused = 0.0
     if x.state == OFF and wanted:
@@ -131,7 +131,7 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: Constants, x_next: Sequ
     update=update,
     stage="supervise",
 )
-class InverterSequence:
+class InverterSequence(Derived):
     """On/off sequence of a grid-forming inverter."""
 
     v_n: Volt = param("nominal voltage of the bar, line to line, rms", default=400.0, above=0.0, source="table A1")
@@ -140,10 +140,6 @@ class InverterSequence:
     rate: PerUnitPerSecond = param("ramp of the set points when unloading", default=0.25, above=0.0, source="typical")
     p_open: PerUnit = param("power at which the contactor opens", default=0.03, above=0.0, source="typical")
     q_open: PerUnit = param("reactive power at which the contactor opens", default=0.05, above=0.0, source="typical")
-
-
-class Constants(InverterSequence, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""
 
 
 class MeterInput:

@@ -123,9 +123,9 @@ class Propulsion:
     C_dc: Farad = param(
         "capacitance of the drive's DC link", default=5e-3, above=0.0, source="typical for 270 kW at 750 V"
     )
-    R_on: Ohm = param("resistance of a closed switch", default=2e-3, at_least=0.0, source="models page, section 6")
+    R_on: Ohm = param("resistance of a closed switch", default=2e-3, at_least=0.0, source="docs/theory/propulsion.md")
     tau_c: Second = param(
-        "time constant of the current control", default=1e-3, above=0.0, source="models page, section 6"
+        "time constant of the current control", default=1e-3, above=0.0, source="docs/theory/propulsion.md"
     )
     inertia: KilogramMetre2 = param(
         "inertia of motor, shaft and screw", default=383.4, above=0.0, source="[DAgostino2020] table A1"

@@ -1,1 +1,1 @@
-
+"""The world outside, as files: ship and scenario files, quantities, reports, pictures."""

@@ -35,6 +35,8 @@ class Panel:
     kind: str
     symbol: str
     factor: float = 1.0
+    least: float = 0.0
+    """Least height of the axis: what would fill it is not worth more."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,8 @@ PANELS = (
     Panel("Genset voltage", "pu", "genset", "v_pu"),
     Panel("Propulsion power", "kW", "propulsion", "p_dc", 1e-3),
     Panel("Propeller thrust", "kN", "propeller", "thrust", 1e-3),
-    Panel("Voltage of the AC bars", "pu", "ac", "v_pu"),
-    Panel("Frequency of the AC bars", "Hz", "ac", "f"),
+    Panel("Voltage of the AC bars", "pu", "ac", "v_pu", least=0.1),
+    Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0),
 )
 STATES = (
     ("dc_tie", "closed", {1: "closed"}),
@@ -79,7 +81,7 @@ COMMANDS = {
     ("rectifier", "v_dc_ref"): Command("voltage", "V"),
 }
 """Commands whose values are drawn as bars, from one event of that source to the next."""
-GIVEN = re.compile(r"set to ([-+.\deE]+)$")
+GIVEN = re.compile(r"set to ([-+.\deE]+)(?: \S+)?$")
 """Text of an event that gives a command a value in SI."""
 
 
@@ -131,6 +133,7 @@ def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
     return {
         "title": panel.title,
         "unit": panel.unit,
+        "least": panel.least,
         "time": [round(float(t), 6) for t in time],
         "rows": max((len(s.time) for s in series), default=0),
         "signals": signals,

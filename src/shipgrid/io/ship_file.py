@@ -32,7 +32,7 @@ from shipgrid.io.yaml_lines import (
     replaced,
 )
 from shipgrid.model.component import Bounds, load_all, param, unit_of
-from shipgrid.model.network import Every, Network
+from shipgrid.model.network import Network
 from shipgrid.units import Farad, Hertz, Ohm, Volt
 
 BUILD_ORDER = (
@@ -62,9 +62,6 @@ BOTH_WAYS = ("dc_breaker", "ac_breaker")
 
 NEED_HULL = ("propulsion",)
 """Kinds that push a hull."""
-
-METER_PERIOD = 1e-3
-"""Clock of the AC bars' meters [s]: a sixteenth of a period of 60 Hz."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -220,7 +217,6 @@ class Ship:
                     f"{name}.meter",
                     BarMeter(v_n=bar.v_n, f_n=bar.f_n),
                     inputs={"v_alpha": f"{name}.v_alpha", "v_beta": f"{name}.v_beta"},
-                    clock=Every(METER_PERIOD),
                 )
                 for signal in bar.signals:
                     network.publish(

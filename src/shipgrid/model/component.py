@@ -14,6 +14,7 @@ import pkgutil
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar, dataclass_transform
 
 from shipgrid.errors import ParameterError
@@ -58,7 +59,21 @@ def signal(
     counts: bool = False,
     limiter: bool = False,
 ) -> Any:
-    """Declare a signal: a sentence, and its value at the start (an input with one may stay unconnected)."""
+    """Declare a signal.
+
+    Parameters
+    ----------
+    description : str
+        One sentence.
+    initial : float, optional
+        Value at the start, 0 if left out; an input that has one may stay unconnected.
+    rotates : bool
+        A state that turns for ever (an angle); steady state leaves it out.
+    counts : bool
+        A state that counts (charge drawn, distance made good): a start leaves it at its initial value.
+    limiter : bool
+        An output that is 1 while a limiter acts; the run logs how long.
+    """
     return Signal(description, 0.0 if initial is None else initial, initial is None, rotates, counts, limiter)
 
 
@@ -101,7 +116,19 @@ def param(
     at_most: float | None = None,
     source: str = "",
 ) -> Any:
-    """Declare a parameter: a sentence, its bounds, its default and the source of the default."""
+    """Declare a parameter.
+
+    Parameters
+    ----------
+    description : str
+        One sentence.
+    default : float, optional
+        Value where none is given; without it the parameter is required.
+    above, at_least, below, at_most : float, optional
+        Bounds.
+    source : str
+        Where the default comes from.
+    """
     bounds = Bounds(description, above, at_least, below, at_most, source)
     metadata = {"bounds": bounds}
     if default is None:
@@ -111,7 +138,15 @@ def param(
 
 @dataclass(frozen=True)
 class Terminal:
-    """Where a device meets the network: the input that is its voltage, the output that is its current (into it)."""
+    """Where a device meets the network.
+
+    Attributes
+    ----------
+    name : str
+        Its name, as connections call it.
+    v, i : str
+        The input that is its voltage, the output that is its current (into the device).
+    """
 
     name: str
     v: str
@@ -204,7 +239,8 @@ def component(
     state, input, output : type
         Record classes: annotated with units, values from `signal`; a record class as annotation nests.
     derived : type
-        Constants computed once from the parameters by `derive`; kernels read them from `p` as well.
+        Constants computed once from the parameters by `derive`; kernels read them from `p` as well. The component
+        class has it as its base, so that the type checker knows all of `p`; values exist in `p` only.
     derive : callable, optional
         `derive(parameters) -> {name: float or array}`; an array goes to the pool `tables`, and `p.name` is its offset.
     stage : str
@@ -261,8 +297,9 @@ def type_of(item: Any) -> ComponentType:
     return item.__component__
 
 
-def fields_of(record: type) -> list[Field]:
-    """Flat list of a record class's fields; a nested block's fields are named `block.field`."""
+@cache
+def fields_of(record: type) -> tuple[Field, ...]:
+    """Flat sequence of a record class's fields; a nested block's fields are named `block.field`."""
     found = []
     module = inspect.getmodule(record)
     for name, hint in typing.get_type_hints(record, vars(module), include_extras=True).items():
@@ -272,7 +309,7 @@ def fields_of(record: type) -> list[Field]:
         else:
             declared = getattr(record, name, None)
             found.append(Field(name, unit, declared if isinstance(declared, Signal) else Signal("")))
-    return found
+    return tuple(found)
 
 
 def unit_of(hint: Any) -> str | None:

@@ -72,7 +72,7 @@ class Across:
 
 @dataclass(frozen=True)
 class Pole:
-    """A half-bridge leg: the terminal's voltage is s v_dc, and the bus delivers s i (`s`: path of a signal)."""
+    """A half-bridge leg: the terminal's voltage is s v_dc, and the bus delivers weight s i (`s`: path of a signal)."""
 
     bus: DcBus
     s: str
@@ -144,13 +144,13 @@ class Network:
     """
 
     name: str
-    buses: dict[str, Bus] = field(default_factory=dict)
-    capacitances: dict[str, float] = field(default_factory=dict)
-    conductances: dict[str, float] = field(default_factory=dict)
-    placed: dict[str, Placed] = field(default_factory=dict)
-    commands: dict[str, float] = field(default_factory=dict)
-    published: dict[str, PublicSignal] = field(default_factory=dict)
-    watched: list[Watched] = field(default_factory=list)
+    buses: dict[str, Bus] = field(default_factory=dict, init=False)
+    capacitances: dict[str, float] = field(default_factory=dict, init=False)
+    conductances: dict[str, float] = field(default_factory=dict, init=False)
+    placed: dict[str, Placed] = field(default_factory=dict, init=False)
+    commands: dict[str, float] = field(default_factory=dict, init=False)
+    published: dict[str, PublicSignal] = field(default_factory=dict, init=False)
+    watched: list[Watched] = field(default_factory=list, init=False)
 
     def dc_bus(self, name: str, v_n: float) -> DcBus:
         """Add a DC bus of nominal voltage `v_n` [V]."""

@@ -24,14 +24,14 @@ def absolute(a):
 
 @kernel
 def minimum(a, b):
-    """The smaller of two, by real part."""
-    return a if a.real <= b.real else b
+    """The smaller of two, by real part; a value that is no number is handed on, so that the step's check sees it."""
+    return a if a.real <= b.real or a.real != a.real else b
 
 
 @kernel
 def maximum(a, b):
-    """The larger of two, by real part."""
-    return a if a.real >= b.real else b
+    """The larger of two, by real part; a value that is no number is handed on."""
+    return a if a.real >= b.real or a.real != a.real else b
 
 
 @kernel
@@ -101,6 +101,6 @@ def interp(a, tables, start, n, low, step):
         Argument of its first value, and the distance between two.
     """
     place = clip((a - low) / step, 0.0, n - 1.0)
-    k = min(int(place.real), n - 2)
+    k = min(int(place.real), n - 2) if place.real > 0.0 else 0  # 0 as well where the place is no number
     f = place - k
     return tables[start + k] * (1.0 - f) + tables[start + k + 1] * f

@@ -68,8 +68,8 @@ def make_record(record: type, values: Mapping[str, Any] | None = None, scalar: s
 
 
 def flat_of(record: Any) -> np.ndarray:
-    """The numbers of one record (from `make_record`), flat: the same memory."""
-    return np.frombuffer(record, dtype="c16" if _scalar_is_complex(record.dtype) else "f8")
+    """The numbers of one record (from `make_record`), flat: the same memory, so that writing changes the record."""
+    return np.asarray(record).reshape(1).view("c16" if _scalar_is_complex(record.dtype) else "f8")
 
 
 def _scalar_is_complex(dtype: np.dtype) -> bool:

@@ -1,1 +1,1 @@
-
+"""What drives a switch: answers to "what is s during this step?"."""

@@ -1,1 +1,1 @@
-
+"""The clock: executor, deadlines, overruns."""

@@ -1,1 +1,1 @@
-
+"""A story to run: runner, recorder, results."""

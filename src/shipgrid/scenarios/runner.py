@@ -10,6 +10,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,9 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.errors import ParameterError, SolverError
+from shipgrid.model.network import Network
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
-from shipgrid.model.network import Network
 from shipgrid.scenarios.results import Results, open_results
 
 DEFAULT_STEP = 30e-6
@@ -179,7 +180,7 @@ def _simulate(
     with ResultsWriter(folder.path, columns, plan.record_period, about) as writer:
         _first_rows(run, writer)
         startup_s = time.perf_counter() - began
-        go(run, scenario.events, end, writer, progress)
+        go(run, scenario.events, end, writer, progress, partial(command_text, ship))
         writer.events(run.events)
         limiters = _limiter_rows(run)
         writer.limiters(limiters)
@@ -221,6 +222,7 @@ def go(
     end: float,
     writer: ResultsWriter | None = None,
     progress: Progress | None = None,
+    said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -235,6 +237,9 @@ def go(
     writer : ResultsWriter, optional
         Where recorded rows go.
     progress : callable, optional
+        Called with simulated time and end time [s] after each chunk.
+    said : callable, optional
+        Text of the event of a command, from its path and value.
     """
     plan, work = run.plan, run.work
     entry, values = woven_entry(plan), arguments(plan, work)
@@ -248,7 +253,7 @@ def go(
             while pending and pending[0][0] <= work.n:
                 _, path, value = pending.pop(0)
                 work.sig[plan.layout.index[f"command:{path}"]] = value
-                run.events.append((run.t, path, _command_text(value)))
+                run.events.append((run.t, path, said(path, value)))
             stop = min(last, work.n + chunk, pending[0][0] if pending else last)
             now = time.perf_counter()
             good = work.sig.copy()
@@ -315,8 +320,13 @@ def _limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
     ]
 
 
-def _command_text(value: float) -> str:
-    return f"set to {value:.6g}"
+def command_text(ship: Any, path: str, value: float) -> str:
+    """What a command's event says: the word where it takes words, else the value with its SI unit."""
+    command = ship.commands[path]
+    words = {code: word for word, code in (command.words or {}).items()}
+    if value in words:
+        return f"set to {words[value]}"
+    return f"set to {value:.6g} {'' if command.unit == '1' else command.unit}".rstrip()
 
 
 def _culprit(run: Run, good: np.ndarray) -> str:

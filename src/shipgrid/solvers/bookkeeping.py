@@ -11,13 +11,19 @@ from shipgrid.model import kernel
 
 
 @kernel
-def tick_clocks(clock_inc, clock_before, clock_ahead, clock_phase, clock_den):
+def tick_clocks(clock_inc, clock_before, clock_ahead, clock_phase, clock_den, due, due_start, due_type):
     """Start a step: where in the last step, and where in the coming one, does each clock's instant fall?
 
-    Integer arithmetic: the phase counts in units of 1/den of the clock's period, a step adds `inc`.
+    Integer arithmetic: the phase counts in units of 1/den of the clock's period, a step adds `inc`. Component types
+    with an instance whose clock struck are marked as due, so that the others are passed by.
     """
+    for k in range(due.shape[0]):
+        due[k] = 0
     for c in range(clock_inc.shape[0]):
         clock_before[c] = clock_ahead[c]
+        if clock_before[c] >= 0.0:
+            for k in range(due_start[c], due_start[c + 1]):
+                due[due_type[k]] = 1
         phase = clock_phase[c] + clock_inc[c]
         if phase >= clock_den[c]:
             phase -= clock_den[c]

@@ -17,6 +17,7 @@ import numpy as np
 
 from shipgrid.errors import ParameterError
 from shipgrid.model.component import type_of
+from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
@@ -78,9 +79,9 @@ def state_space(item: Any) -> StateSpace:
         dx, y = make_record(kind.state), make_record(kind.output)
         rate = np.zeros(0)
         if states:
-            _call(kind.kernels["derivatives"], x=x, u=u, p=p, dx=dx)
+            call_uncompiled(kind.kernels["derivatives"], {"t": 0.0, "x": x, "u": u, "p": p, "dx": dx})
             rate = flat_of(dx).copy()
-        _call(kind.kernels["outputs"], x=x, u=u, p=p, y=y)
+        call_uncompiled(kind.kernels["outputs"], {"t": 0.0, "x": x, "u": u, "p": p, "y": y})
         return rate, np.array([y[name] for name in currents])
 
     zero = evaluate({}, {})
@@ -143,11 +144,3 @@ def stage_matrices(
         D = np.zeros_like(D)
     W = C @ N[:, :m] + D[:, :m]
     return M, N, C, D, W
-
-
-def _call(function: Any, **values: Any) -> None:
-    plain = function.py_func if hasattr(function, "py_func") else function
-    code = plain.__code__
-    names = code.co_varnames[: code.co_argcount]
-    values.setdefault("t", 0.0)
-    plain(*[values[name] for name in names])

@@ -83,7 +83,8 @@ class NetworkPlan(NamedTuple):
 class NetworkWork(NamedTuple):
     """Everything of the network that moves.
 
-    `values` holds M, N, sources' N, C, sources' D and W of all linear elements one after the other, then the machines' W.
+    `values` holds M, N, sources' N, C, sources' D and W of all linear elements, one after the other, then the machines'
+    W.
     """
 
     values: np.ndarray

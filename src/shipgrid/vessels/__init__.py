@@ -1,1 +1,1 @@
-
+"""Reference ships and their scenarios."""

@@ -1,1 +1,1 @@
-
+"""The power parts of converters that are elements of the network."""

@@ -1,10 +1,11 @@
-"""Voltmeter and frequency meter of an AC bar, sampled.
+"""Voltmeter and frequency meter of an AC bar.
 
     v_pu = |v_alpha + j v_beta| / v_b,   v_b = sqrt(2/3) v_n                   (1)
-    f   <- low-pass of  f_n + (theta - theta_before - 2 pi f_n dt) / (2 pi dt)   (2)
+    f - f_n <- two low-passes of  (theta - theta_before - 2 pi f_n dt) / (2 pi dt)   (2)
 
-The angle's advance is taken against that of the nominal frequency, so that it may be sampled slower than the bar
-turns. A bar below `v_dead` has no frequency: it reads 0 Hz.
+It runs every step: the staircase of a sampled modulation is then filtered instead of folded down. Two low-passes,
+because the first only takes the derivative out of the angle's ripple. A bar below `v_dead` has no frequency: it reads
+0 Hz.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ class State:
     """State of the meter."""
 
     theta: Radian = signal("angle of the voltage at the last instant", rotates=True)
-    slip: Hertz = signal("frequency above nominal, through the low-pass")
+    slip: Hertz = signal("frequency above nominal, through one low-pass")
+    slip_f: Hertz = signal("frequency above nominal, through both")
     live: Ratio = signal("1: the bar was live at the last instant")
 
 
@@ -52,10 +54,11 @@ def derive(p: BarMeter) -> dict[str, float]:
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
+def update(t, dt, x: State, u: Input, p: BarMeter, x_next: State, y: Output):
     y.v_pu = hypot(u.v_alpha, u.v_beta) / p.v_b  # (1)
     if y.v_pu.real < p.v_dead.real:
         x_next.slip = 0.0
+        x_next.slip_f = 0.0
         x_next.live = 0.0
         y.f = 0.0
         return
@@ -64,21 +67,22 @@ def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output):
     x_next.live = 1.0
     if x.live.real > 0.5:
         advance = wrap(theta - x.theta - 2.0 * np.pi * p.f_n * dt)
-        x_next.slip = x.slip + (1.0 - np.exp(-p.omega_c * dt)) * (advance / (2.0 * np.pi * dt) - x.slip)  # (2)
-    y.f = p.f_n + x_next.slip
+        share = 1.0 - np.exp(-p.omega_c * dt)
+        x_next.slip = x.slip + share * (advance / (2.0 * np.pi * dt) - x.slip)  # (2)
+        x_next.slip_f = x.slip_f + share * (x_next.slip - x.slip_f)
+    y.f = p.f_n + x_next.slip_f
 
 
 @component(state=State, input=Input, output=Output, derived=Derived, derive=derive, update=update, stage="measure")
-class BarMeter:
+class BarMeter(Derived):
     """Voltage and frequency of an AC bar."""
 
     v_n: Volt = param("nominal voltage, line to line, rms", default=400.0, above=0.0, source="[DAgostino2020] table A1")
     f_n: Hertz = param("nominal frequency", default=60.0, above=0.0, source="[DAgostino2020] table A1")
     omega_c: RadianPerSecond = param(
-        "low-pass of the frequency", default=2.0 * math.pi * 10.0, above=0.0, source="three periods, as of a transducer"
+        "corner of each low-pass of the frequency",
+        default=2.0 * math.pi * 20.0,
+        above=0.0,
+        source="together about the three periods of a transducer",
     )
     v_dead: PerUnit = param("below this the bar counts as dead", default=0.05, above=0.0, source="dead-bus rule, 5 %")
-
-
-class Constants(BarMeter, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -48,22 +48,22 @@ def derive(p: Load) -> dict[str, float]:
 
 
 @kernel
-def derivatives(t, x: State, u: Input, p: Constants, dx: State):
+def derivatives(t, x: State, u: Input, p: Load, dx: State):
     dx.i = (u.v - p.R * x.i) / p.L  # (1)
 
 
 @kernel
-def outputs(t, x: State, u: Input, p: Constants, y: Output):
+def outputs(t, x: State, u: Input, p: Load, y: Output):
     y.i_in = x.i
 
 
 @kernel
-def stored_energy(x: State, p: Constants):
+def stored_energy(x: State, p: Load):
     return 0.5 * p.L * x.i**2
 
 
 @kernel
-def consumed(x: State, u: Input, p: Constants):
+def consumed(x: State, u: Input, p: Load):
     return p.R * x.i**2
 
 
@@ -81,7 +81,7 @@ def consumed(x: State, u: Input, p: Constants):
     variants={"open": ("i",)},
     passive=True,
 )
-class Load:
+class Load(Derived):
     """Constant-impedance load, series R-L."""
 
     p_0: Watt = param("active power of the three phases at nominal voltage", default=10e3, above=0.0, source="typical")
@@ -90,7 +90,3 @@ class Load:
     )
     v_n: Volt = param("nominal voltage, line to line, rms", default=400.0, above=0.0, source="[DAgostino2020] table A1")
     f_n: Hertz = param("nominal frequency", default=60.0, above=0.0, source="[DAgostino2020] table A1")
-
-
-class Constants(Load, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -1,1 +1,1 @@
-
+"""Electric motors."""

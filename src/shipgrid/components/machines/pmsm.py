@@ -20,7 +20,7 @@ The Norton equivalent of an implicit Euler step of length gh: (1) and (2) at its
 
 turned into the alpha-beta axes by that angle. It is exact: nothing in (1) to (3) is nonlinear while omega_m is held.
 
-Source: models page, section 6.
+Source: docs/theory/propulsion.md.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-
+"""What meets the water: screws and hull."""

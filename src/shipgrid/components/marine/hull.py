@@ -12,7 +12,7 @@ the ship going ahead).
 
 The useful consumer at the end of the energy's way is the towing power, R u + T_env u.
 
-Source: models page, section 8; [DAgostino2020] fig. 7d and table A1.
+Source: [DAgostino2020] fig. 7d and table A1; docs/theory/propulsion.md.
 """
 
 from __future__ import annotations
@@ -54,26 +54,26 @@ def resistance(u_ship, p, tables):
 
 
 @kernel
-def derivatives(x: State, u: Input, p: Constants, dx: State, tables):
+def derivatives(x: State, u: Input, p: Hull, dx: State, tables):
     drive = (1.0 - p.t_f) * u.thrust - resistance(x.u_ship, p, tables) - u.T_env
     dx.u_ship = drive / (p.m + p.m_add)  # (1)
     dx.distance = x.u_ship  # (3)
 
 
 @kernel
-def outputs(x: State, p: Constants, y: Output, tables):
+def outputs(x: State, p: Hull, y: Output, tables):
     y.resistance = resistance(x.u_ship, p, tables)
     y.v_a = (1.0 - p.w_f) * x.u_ship  # (4)
     y.u_thrust = (1.0 - p.t_f) * x.u_ship
 
 
 @kernel
-def stored_energy(x: State, p: Constants):
+def stored_energy(x: State, p: Hull):
     return 0.5 * (p.m + p.m_add) * x.u_ship**2
 
 
 @kernel
-def consumed(x: State, u: Input, p: Constants, tables):
+def consumed(x: State, u: Input, p: Hull, tables):
     return (resistance(x.u_ship, p, tables) + u.T_env) * x.u_ship
 
 
@@ -95,7 +95,7 @@ def derive(hull: Hull) -> dict[str, np.ndarray]:
     stored_energy=stored_energy,
     consumed=consumed,
 )
-class Hull:
+class Hull(Derived):
     """A displacement hull in surge; resistance by default 18.06 kN at 10 kn, with the square of speed."""
 
     m: Kilogram = param("displacement", default=377e3, above=0.0, source="[DAgostino2020] table A1")
@@ -109,7 +109,3 @@ class Hull:
     R_4: Newton = param("resistance at 4 u_step", default=11558.4, at_least=0.0, source="0.1806 kN/kn2 at 8 kn")
     R_5: Newton = param("resistance at 5 u_step", default=18060.0, at_least=0.0, source="[DAgostino2020] table A1")
     R_6: Newton = param("resistance at 6 u_step", default=26006.4, at_least=0.0, source="0.1806 kN/kn2 at 12 kn")
-
-
-class Constants(Hull, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

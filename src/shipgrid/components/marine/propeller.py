@@ -25,7 +25,7 @@ The reaction of hull and flow is `u_thrust` = (1 - t_f) u_ship, the speed at whi
 the shaft gives and the ship does not get is lost in the water. Reynolds number of the tests (2e6); no cavitation,
 ventilation or waves.
 
-Source: models page, section 8; data/README.md.
+Source: docs/theory/propulsion.md; data/README.md.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def forces(omega_m, v_a, p, tables):
     if squared.real == 0.0:  # no flow, no force; beta is undefined
         return 0.0 * squared, 0.0 * squared
     place = (arctan2(v_a, v_tip) + math.pi) * (POINTS / (2.0 * math.pi))
-    k = min(int(place.real), POINTS - 1)
+    k = min(int(place.real), POINTS - 1) if place.real > 0.0 else 0  # 0 as well where the place is no number
     f = place - k
     # Catmull-Rom: slopes are the central differences, so that the curve has no kink at a point of the table
     w_0 = 0.5 * f * (f * (2.0 - f) - 1.0)
@@ -85,14 +85,14 @@ def forces(omega_m, v_a, p, tables):
 
 
 @kernel
-def outputs(u: Input, p: Constants, y: Output, tables):
+def outputs(u: Input, p: Propeller, y: Output, tables):
     y.thrust, y.tau = forces(u.omega_m, u.v_a, p, tables)
     n_D = u.omega_m / (2.0 * math.pi) * p.D
     y.J_adv = clip(u.v_a / n_D, -2.0, 2.0) if n_D.real != 0.0 else 0.0  # (4)
 
 
 @kernel
-def losses(u: Input, p: Constants, tables):
+def losses(u: Input, p: Propeller, tables):
     thrust, tau = forces(u.omega_m, u.v_a, p, tables)
     return tau * u.omega_m - thrust * u.u_thrust
 
@@ -197,7 +197,7 @@ def derive(propeller: Propeller) -> dict[str, np.ndarray]:
     outputs=outputs,
     losses=losses,
 )
-class Propeller:
+class Propeller(Derived):
     """Fixed-pitch screw behind the hull."""
 
     D: Metre = param("diameter", default=1.25, above=0.0, source="[DAgostino2020] table A1")
@@ -221,7 +221,3 @@ class Propeller:
         at_most=1.0,
         source="[DAgostino2020] uses one open-water diagram for both screws and directions",
     )
-
-
-class Constants(Propeller, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -1,1 +1,1 @@
-
+"""Shafts and engines."""

@@ -54,7 +54,7 @@ def cells(delay, dt):
 
 
 @kernel
-def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output, delays):
+def update(t, dt, x: State, u: Input, p: DieselEngine, x_next: State, y: Output, delays):
     n, line, write = cells(p.T_D.real, dt), int(p.line.real), int(x.position.real)
     delays[line + write] = u.throttle.real
     age = maximum(p.T_D.real / dt - 0.5, 0.0)  # in samples, half a period early: see the module's text
@@ -68,7 +68,7 @@ def update(t, dt, x: State, u: Input, p: Constants, x_next: State, y: Output, de
 
 
 @component(state=State, input=Input, output=Output, derived=Derived, derive=derive, update=update, stage="outer")
-class DieselEngine:
+class DieselEngine(Derived):
     """Diesel engine with starter; torques per unit of the generator's base."""
 
     T_D: Second = param(
@@ -94,7 +94,3 @@ class DieselEngine:
     def delay_length(self, dt: float) -> int:
         """Cells of the delay line for a sampling period of `dt` [s]."""
         return cells(self.T_D, dt)
-
-
-class Constants(DieselEngine, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

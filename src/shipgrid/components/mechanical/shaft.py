@@ -4,14 +4,14 @@
     tau_f = (1 - eta_s) |tau| omega_m / sqrt(omega_m^2 + omega_0^2)                  (2)
 
 The friction of stern tube and bearings is a share of the screw's torque, (1 - eta_s) tau when the motor drives the
-screw as in the models page. When the water drives the screw, tau and omega_m have opposite signs and friction still
+screw. When the water drives the screw, tau and omega_m have opposite signs and friction still
 takes power: hence the magnitude. omega_0 = 0.05 rad/s (half a revolution a minute) makes (2) smooth through
 standstill, so that a shaft at rest in a stream neither chatters nor sticks; there is no static friction.
 
 It steps with the network, not slower: the motor's torque has the ripple of its current control in it, and sampling that
 every millisecond would alias it into the energy balance. One step costs a few nanoseconds.
 
-Source: models page, section 8.
+Source: docs/theory/propulsion.md.
 """
 
 from __future__ import annotations

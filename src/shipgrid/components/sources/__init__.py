@@ -1,1 +1,1 @@
-
+"""What gives electric power: batteries and synchronous generators."""

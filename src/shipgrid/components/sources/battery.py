@@ -32,6 +32,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.kernel import uncompiled
 from shipgrid.model.ops import clip
 from shipgrid.model.records import parameter_record
 from shipgrid.units import Ampere, Coulomb, Ohm, PerCoulomb, PerUnit, Ratio, Second, Volt, VoltPerCoulomb, ampere_hours
@@ -88,36 +89,36 @@ def internal_resistance(p: Battery) -> float:
 
 
 @kernel
-def open_circuit_voltage(q, p: Constants):
+def open_circuit_voltage(q, p: Battery):
     return p.E_0 - p.K * p.capacity / (p.capacity - q) * q + p.A * np.exp(-p.B * q)  # (2)
 
 
 def voltage_at_rest(battery: Battery, soc: float) -> float:
     """Open-circuit voltage [V] of a battery at the state of charge `soc`."""
     p, _ = parameter_record(battery)
-    return open_circuit_voltage((1.0 - soc) * battery.capacity, p)
+    return uncompiled(open_circuit_voltage)((1.0 - soc) * battery.capacity, p)
 
 
 @kernel
-def polarisation(x: State, p: Constants):
+def polarisation(x: State, p: Battery):
     if x.i_star.real > 0.0:
         return p.R_p * p.capacity / (p.capacity - x.q) * x.i_star  # (3)
     return p.R_p * p.capacity / (x.q + CHARGE_SHIFT * p.capacity) * x.i_star
 
 
 @kernel
-def derivatives(t, x: State, u: Input, p: Constants, dx: State):
+def derivatives(t, x: State, u: Input, p: Battery, dx: State):
     dx.q = u.i  # (1)
     dx.i_star = (u.i - x.i_star) / p.T_r
 
 
 @kernel
-def limit(x: State, u: Input, p: Constants):
+def limit(x: State, u: Input, p: Battery):
     x.q = clip(x.q, 0.0, DEPTH * p.capacity)
 
 
 @kernel
-def outputs(t, x: State, u: Input, p: Constants, y: Output):
+def outputs(t, x: State, u: Input, p: Battery, y: Output):
     y.v_oc = open_circuit_voltage(x.q, p)
     y.e = y.v_oc - polarisation(x, p)  # (4)
     y.soc = 1.0 - x.q / p.capacity
@@ -127,12 +128,12 @@ def outputs(t, x: State, u: Input, p: Constants, y: Output):
 
 
 @kernel
-def supplied(x: State, u: Input, p: Constants):
+def supplied(x: State, u: Input, p: Battery):
     return open_circuit_voltage(x.q, p) * u.i
 
 
 @kernel
-def losses(x: State, u: Input, p: Constants):
+def losses(x: State, u: Input, p: Battery):
     return polarisation(x, p) * u.i
 
 
@@ -149,7 +150,7 @@ def losses(x: State, u: Input, p: Constants):
     supplied=supplied,
     losses=losses,
 )
-class Battery:
+class Battery(Derived):
     """Cells of one battery, up to their internal resistance."""
 
     v_n: Volt = param("nominal voltage", default=440.0, above=0.0, source="[DAgostino2020] table A1")
@@ -186,7 +187,3 @@ class Battery:
         source="SPS ratio",
     )
     T_r: Second = param("time constant of the polarisation", default=30.0, above=0.0, source="SPS default")
-
-
-class Constants(Battery, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -179,7 +179,7 @@ def currents(x, p):
 
 
 @kernel
-def derivatives(t, x: State, u: Input, p: Constants, dx: State):
+def derivatives(t, x: State, u: Input, p: SynchronousGenerator, dx: State):
     i_d, i_f, i_kd, i_q, i_kq = currents(x, p)
     v_d, v_q = rotate(u.v_alpha / p.V_b, u.v_beta / p.V_b, np.cos(x.theta), np.sin(x.theta))
     dx.psi_d = p.omega_b * (v_d + p.R_s * i_d + x.omega * x.psi_q)  # (6)
@@ -192,7 +192,7 @@ def derivatives(t, x: State, u: Input, p: Constants, dx: State):
 
 
 @kernel
-def outputs(t, x: State, u: Input, p: Constants, y: Output):
+def outputs(t, x: State, u: Input, p: SynchronousGenerator, y: Output):
     i_d, i_f, _, i_q, _ = currents(x, p)
     i_alpha, i_beta = unrotate(i_d * p.I_b, i_q * p.I_b, np.cos(x.theta), np.sin(x.theta))
     v = hypot(u.v_alpha, u.v_beta)
@@ -242,7 +242,7 @@ def stage(gh, x, u, p):
 
 
 @kernel
-def stamp(gh, x: State, u: Input, p: Constants, n):
+def stamp(gh, x: State, u: Input, p: SynchronousGenerator, n):
     omega, _, cos, sin, k, _, _, _, e_d, X_sd, _, e_q, X_sq = stage(gh, x, u, p)
     # (6), (7) of the step's end: [[z_d, -b], [c, z_q]] [i_d, i_q] = [w_d, w_q] - k [v_d, v_q]
     z_d, z_q = X_sd + k * p.R_s, X_sq + k * p.R_s
@@ -263,7 +263,7 @@ def stamp(gh, x: State, u: Input, p: Constants, n):
 
 
 @kernel
-def advance(gh, x: State, u: Input, p: Constants, x_next: State):
+def advance(gh, x: State, u: Input, p: SynchronousGenerator, x_next: State):
     omega, theta, cos, sin, k, r_f, r_kd, a_d, e_d, X_sd, a_q, e_q, X_sq = stage(gh, x, u, p)
     kv_d, kv_q = rotate(k / p.V_b * u.v_alpha, k / p.V_b * u.v_beta, cos, sin)
     z_d, z_q = X_sd + k * p.R_s, X_sq + k * p.R_s
@@ -292,21 +292,21 @@ def limit(x: State):
 
 
 @kernel
-def stored_energy(x: State, p: Constants):
+def stored_energy(x: State, p: SynchronousGenerator):
     i_d, i_f, i_kd, i_q, i_kq = currents(x, p)
     magnetic = x.psi_f * i_f + x.psi_kd * i_kd + x.psi_kq * i_kq - x.psi_d * i_d - x.psi_q * i_q
     return p.S_n * (0.5 * magnetic / p.omega_b + p.H * x.omega**2)
 
 
 @kernel
-def losses(x: State, p: Constants):
+def losses(x: State, p: SynchronousGenerator):
     i_d, i_f, i_kd, i_q, i_kq = currents(x, p)
     stator = p.R_s * (i_d**2 + i_q**2)
     return p.S_n * (stator + p.R_f * i_f**2 + p.R_kd * i_kd**2 + p.R_kq * i_kq**2)
 
 
 @kernel
-def supplied(x: State, u: Input, p: Constants):
+def supplied(x: State, u: Input, p: SynchronousGenerator):
     """Power from the engine's shaft and from the exciter, counted here: torque and speed of the same step."""
     _, i_f, _, _, _ = currents(x, p)
     return p.S_n * (u.T_m * x.omega + p.v_f * u.E_fd * i_f)
@@ -329,7 +329,7 @@ def supplied(x: State, u: Input, p: Constants):
     terminals=(Terminal("alpha", v="v_alpha", i="i_alpha"), Terminal("beta", v="v_beta", i="i_beta")),
     passive=True,
 )
-class SynchronousGenerator:
+class SynchronousGenerator(Derived):
     """Salient-pole synchronous generator with its rotor. `X_d1` is transient (X_d'), `X_d2` subtransient (X_d'')."""
 
     S_n: VoltAmpere = param("rated apparent power", default=596e3, above=0.0, source="[DAgostino2020] table A1")
@@ -358,7 +358,3 @@ class SynchronousGenerator:
     )
     T_d02: Second = param("subtransient time constant, d, stator open", default=0.017, above=0.0, source="typical")
     T_q02: Second = param("subtransient time constant, q, stator open", default=0.06, above=0.0, source="typical")
-
-
-class Constants(SynchronousGenerator, Derived):
-    """What kernels read as `p`: the parameters, and what `derive` makes of them."""

@@ -1,1 +1,1 @@
-
+"""Small kernels that controllers call: PI, low-pass, limiter, ramp, PLL."""

@@ -3,8 +3,8 @@
     u* = K_p e + x + ff,   u = clip(u*)                          (1)
     dx = K_i e dt  where u = u* or e (u* - u) < 0, else 0        (2)
 
-The integrator stands still while the output is limited and the error would drive it further. Models page,
-section 0: used by every controller that does not say otherwise.
+The integrator stands still while the output is limited and the error would drive it further. Every controller that
+does not say otherwise uses it (docs/theory/converters.md, eq. (converters-1)).
 """
 
 from __future__ import annotations

@@ -52,6 +52,7 @@
     return (u, low, high) => {
       if (low == null) return [0, 1];
       if (high - low < 1e-9 * Math.abs(high)) { const room = 0.05 * Math.abs(high) || 1; low -= room; high += room; }
+      if (high - low < panel.least) { const room = (panel.least - (high - low)) / 2; low -= room; high += room; }
       const near = panel.limits.map((l) => l.level), span = high - low;
       for (const level of near) if (level > low - 2 * span && level < high + 2 * span) { low = Math.min(low, level); high = Math.max(high, level); }
       return uPlot.rangeNum(low, high, { min: { pad: 0.06 }, max: { pad: 0.06 } });

@@ -1,0 +1,105 @@
+"""The whole ferry for seconds: it starts at rest and stays there, runs alike twice, and converges with the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import shipgrid as sg
+from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.scenarios.runner import build
+
+NOMINAL = {"V": 750.0, "A": 128.0, "W": 50e3, "var": 50e3, "Hz": 60.0, "rad/s": 47.0, "N m": 5730.0, "N": 2e4, "1": 1.0}
+
+
+@pytest.fixture(scope="module")
+def ship():
+    return sg.load_ship("ferry")
+
+
+@pytest.fixture(scope="module")
+def commands(ship):
+    return sg.load_scenario("mission").start_commands(ship)
+
+
+def public(plan: Plan, work: Workspace) -> dict[str, float]:
+    return {name: float(work.sig[plan.layout.index[p.source]]) for name, p in plan.network.published.items()}
+
+
+def means(plan: Plan, work: Workspace, seconds: float) -> dict[str, float]:
+    """Mean of every public signal over an interval, from one sample each 1.1 ms (no multiple of any clock)."""
+    samples = []
+    for _ in range(round(seconds / 1.1e-3)):
+        advance(plan, work, 1.1e-3)
+        samples.append(list(public(plan, work).values()))
+    return dict(zip(public(plan, work), np.mean(samples, axis=0), strict=True))
+
+
+def scale(plan: Plan, name: str) -> float:
+    return NOMINAL.get(plan.network.published[name].unit, 1.0)
+
+
+def test_a_run_started_at_the_operating_point_stays_there(ship, commands):
+    plan = build(ship, 30e-6)
+    work, drift = operating_point(plan, commands)
+    assert drift < 2e-4
+    first = means(plan, work, 0.5)
+    advance(plan, work, 4.0)
+    last = means(plan, work, 0.5)
+    for name, value in first.items():
+        # the batteries give 2 x 21 A: their voltage falls by 1e-5 of itself in 5 s, and their current follows
+        assert last[name] == pytest.approx(value, abs=3e-4 * scale(plan, name)), name
+
+
+def test_moored_plant_gives_what_the_hotel_load_takes(ship, commands):
+    plan = build(ship, 30e-6)
+    work, _ = operating_point(plan, commands)
+    now = means(plan, work, 0.5)
+    for side in ("for", "aft"):
+        # droop in both: 3.413 A/V
+        assert now[f"bess_{side}.i_b"] == pytest.approx(
+            128.0 / 0.05 / 750.0 * (750.0 - now[f"dc_{side}.v_dc"]), abs=0.05
+        )
+        # 10 kW at 1 pu, constant impedance; P-f droop of 2 %
+        load = 10e3 * now[f"ac_{side}.v_pu"] ** 2
+        assert now[f"hotel_{side}.p_ac"] == pytest.approx(load, rel=2e-3)
+        assert now[f"inverter_{side}.f"] == pytest.approx(
+            60.0 * (1.0 - 0.02 * now[f"inverter_{side}.p_ac"] / 50e3), abs=0.02
+        )
+        assert now[f"propulsion_{side}.omega_m"] == 0.0
+        assert now[f"genset_{side}.on"] == 0.0
+
+
+def with_a_genset(ship, commands, step: float) -> tuple[Plan, Workspace, dict[str, float]]:
+    """Genset fore started from moored and loaded by the droop: settled after 24 s."""
+    plan = build(ship, step)
+    work, _ = operating_point(plan, commands)
+    work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
+    advance(plan, work, 24.0)
+    return plan, work, means(plan, work, 1.0)
+
+
+@pytest.fixture(scope="module")
+def at_30_us(ship, commands):
+    return with_a_genset(ship, commands, 30e-6)
+
+
+@pytest.mark.parametrize("step", [15e-6, 100e-6])
+def test_settled_means_do_not_depend_on_the_step(ship, commands, at_30_us, step):
+    plan, _, at_30 = at_30_us
+    _, _, other = with_a_genset(ship, commands, step)
+    assert at_30["rectifier_for.p_dc"] > 15e3
+    for name, value in at_30.items():
+        assert other[name] == pytest.approx(value, abs=1e-3 * scale(plan, name)), name
+
+
+def test_two_runs_are_bit_identical(ship, commands):
+    found = []
+    for _ in range(2):
+        plan = build(ship, 100e-6)
+        work, _ = operating_point(plan, commands)
+        work.sig[plan.layout.index["command:propulsion_for.speed_ref"]] = 1.0
+        advance(plan, work, 2.0)
+        found.append(work.sig.copy())
+    assert np.array_equal(found[0], found[1], equal_nan=True)

@@ -1,0 +1,140 @@
+"""The ferry's mission at its long step, run once: every test here reads the same results."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import shipgrid as sg
+
+KNOT = 1852.0 / 3600.0
+AT_10_KN = (600.0, 1385.0)
+WAY_BACK = (2400.0, 3065.0)
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory):
+    out = tmp_path_factory.mktemp("results") / "mission-averaged"
+    return sg.simulate(sg.load_ship("ferry"), sg.load_scenario("mission"), out=out)
+
+
+def window(run, name, start, end):
+    series = run[name]
+    return series.sel(time=slice(start, end))
+
+
+def mean(run, name, start, end):
+    return float(window(run, name, start, end).mean())
+
+
+def test_every_requirement_of_the_scenario_is_met(mission):
+    missed = [v for v in mission.requirements if v.verdict != "met"]
+    assert not missed
+    assert mission.ok
+
+
+def test_all_files_of_the_contract_are_there_and_agree(mission):
+    summary = json.loads((mission.folder / "summary.json").read_text())
+    promised = {"scenario", "ship", "fidelity", "step_s", "simulated_s", "steps", "wall_s", "startup_s", "us_per_step"}
+    promised |= {"energy_balance_error", "requirements", "version", "commit"}
+    assert promised <= set(summary)
+    assert summary["simulated_s"] == pytest.approx(3400.0, abs=summary["step_s"])
+    assert summary["steps"] == round(3400.0 / summary["step_s"])
+    for name in ("results.nc", "report.html", "run.yaml"):
+        assert (mission.folder / name).stat().st_size > 0
+    assert (mission.folder / "report.html").stat().st_size < 3e6
+
+
+def test_energy_balance_of_the_whole_run_closes_to_a_thousandth(mission):
+    assert abs(mission.summary["energy_balance_error"]) < 1e-3
+
+
+def test_battery_takes_what_the_droop_arithmetic_says(mission):
+    """models page 5.3: i = -128 A + 3.413 A/V (750 V - v_dc), on both sides."""
+    for side in ("for", "aft"):
+        v_dc = mean(mission, f"dc_{side}.v_dc", *AT_10_KN)
+        i_b = mean(mission, f"bess_{side}.i_b", *AT_10_KN)
+        assert i_b == pytest.approx(-128.0 + 128.0 / 0.05 / 750.0 * (750.0 - v_dc), abs=0.5)
+
+
+def test_rectifier_stands_on_its_droop_line(mission):
+    """Reading B: v = 750 V - 0.05 pu of current; the battery's droop line meets it."""
+    v_dc = mean(mission, "dc_for.v_dc", *AT_10_KN)
+    i_dc = mean(mission, "rectifier_for.i_dc", *AT_10_KN)
+    base = 596e3 / 750.0
+    assert v_dc == pytest.approx(750.0 * (1.0 - 0.05 * i_dc / base), abs=0.3)
+
+
+def test_both_screws_share_and_work_at_the_published_point(mission):
+    """P/D 0.9, resistance table, 10 kn: 307 rpm, 2.23 kN m on the shaft, 71.8 kW each (models page 8)."""
+    for side in ("for", "aft"):
+        omega = mean(mission, f"propulsion_{side}.omega_m", *AT_10_KN)
+        torque = mean(mission, f"propulsion_{side}.tau_e", *AT_10_KN)
+        assert omega * 30.0 / np.pi == pytest.approx(307.0, abs=6.0)
+        assert torque == pytest.approx(2230.0, abs=100.0)
+        assert omega * torque == pytest.approx(71.8e3, abs=3e3)
+
+
+def test_settled_intervals_are_settled(mission):
+    """No slope beyond what the batteries' state of charge explains, and no swing beyond 1 % of nominal."""
+    for name, nominal in (
+        ("dc_for.v_dc", 750.0),
+        ("genset_for.p_pu", 1.0),
+        ("genset_for.omega_pu", 1.0),
+        ("propulsion_for.omega_m", 47.1),
+        ("hull.u_ship", 10.0 * KNOT),
+    ):
+        series = window(mission, name, 1000.0, 1385.0)
+        t, y = series["time"].values, series.values.astype(float)
+        slope = np.polyfit(t, y, 1)[0]
+        assert abs(slope) * 60.0 < 1e-3 * nominal, name
+        assert np.ptp(y) < 1e-2 * nominal, name
+
+
+def test_thrust_rises_without_ringing(mission):
+    """After the ramp's end thrust falls to its steady value from above; it crosses it at most once."""
+    for side in ("for", "aft"):
+        thrust = window(mission, f"propeller_{side}.thrust", 310.0, 600.0).values.astype(float)
+        final = thrust[-50:].mean()
+        after_peak = thrust[np.argmax(thrust) :] - final
+        crossings = np.count_nonzero(np.diff(np.sign(after_peak[np.abs(after_peak) > 5e-3 * final])))
+        assert crossings <= 1
+
+
+def test_speed_overshoots_by_less_than_two_percent_and_the_ship_stops(mission):
+    u = mission["hull.u_ship"]
+    assert float(u.max()) < 1.02 * 10.0 * KNOT
+    assert float(u.min()) > -1.02 * 10.0 * KNOT
+    assert abs(float(u.sel(time=1799.0, method="nearest"))) < 0.1 * KNOT
+    assert abs(float(u[-1])) < 0.1 * KNOT
+    assert float(mission["hull.distance"].max()) == pytest.approx(3.8 * 1852.0, rel=0.1)  # 3.8 nmi a leg, system page
+
+
+def test_the_way_back_mirrors_the_way_out(mission):
+    for out, back in (
+        ("propulsion_for.omega_m", "propulsion_for.omega_m"),
+        ("propulsion_aft.tau_e", "propulsion_aft.tau_e"),
+    ):
+        assert mean(mission, out, *AT_10_KN) == pytest.approx(-mean(mission, back, *WAY_BACK), rel=1e-3)
+    for out, back in (("genset_for.p_pu", "genset_aft.p_pu"), ("dc_for.v_dc", "dc_aft.v_dc")):
+        assert mean(mission, out, *AT_10_KN) == pytest.approx(mean(mission, back, *WAY_BACK), rel=2e-3)
+
+
+def test_on_and_off_are_sequences_that_say_what_they_do(mission):
+    texts = [(e.source, e.text) for e in mission.events]
+    order = [text for source, text in texts if source == "genset_for"]
+    assert order[:4] == ["cranking", "running up", "building up voltage", "on"]
+    assert order[-1] == "off"
+    assert any(source == "rectifier_for" and "unloading" in text for source, text in texts)
+    assert not any("refused" in text for _, text in texts)
+
+
+def test_genset_opens_only_when_the_rest_carries_the_load(mission):
+    p = mission["rectifier_for.p_dc"].sel(time=slice(1421.0, 1559.0))
+    off = [e.time for e in mission.events if e.source == "genset_for" and e.text in ("cooling down", "off")]
+    assert off
+    assert float(p.sel(time=slice(off[0] + 1.0, None)).max()) < 1e3
+    v = mission["dc_for.v_dc"].sel(time=slice(1421.0, 1559.0))
+    assert float(v.min()) > 715.0

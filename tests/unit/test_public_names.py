@@ -1,0 +1,27 @@
+"""`import shipgrid`: quick, and complete."""
+
+import subprocess
+import sys
+
+import pytest
+
+import shipgrid
+
+
+def test_importing_the_package_imports_none_of_its_parts():
+    code = (
+        "import sys, shipgrid\nprint(sorted(m for m in sys.modules if m.startswith(('shipgrid.', 'numpy', 'numba'))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_has_one_home_and_is_listed():
+    homes = [name for names in shipgrid._HOMES.values() for name in names]
+    assert sorted([*homes, "__version__"]) == sorted(shipgrid.__all__)
+    assert set(shipgrid.__all__) <= set(dir(shipgrid))
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="lod_ship"):
+        _ = shipgrid.lod_ship
