@@ -15,6 +15,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -46,25 +47,32 @@ def cache_folder() -> Path:
 
 def source_hash(types: list[TypeLayout]) -> str:
     """Hash of every source, and every version, that the woven module's results depend on."""
-    digest = hashlib.sha256()
-    root = Path(shipgrid.__file__).parent
-    files = [path for folder in HASHED for path in sorted((root / folder).rglob("*.py"))]
-    files += [Path(inspect.getfile(t.kind.cls)) for t in types]
-    for path in files:
-        digest.update(str(path).encode())
+    digest = hashlib.sha256(_package_sources())
+    for path in sorted({Path(inspect.getfile(t.kind.cls)) for t in types}):
         digest.update(path.read_bytes())
     for word in (sys.version, numba.__version__, np.__version__, *(t.kind.key for t in types)):
         digest.update(word.encode())
     return digest.hexdigest()[:16]
 
 
+@cache
+def _package_sources() -> bytes:
+    """Digest of the package's own sources: read once, since a process runs what it has imported."""
+    digest = hashlib.sha256()
+    root = Path(shipgrid.__file__).parent
+    for path in (path for folder in HASHED for path in sorted((root / folder).rglob("*.py"))):
+        digest.update(str(path).encode())
+        digest.update(path.read_bytes())
+    return digest.digest()
+
+
 def woven_entry(plan: Plan) -> Callable[..., int]:
     """The compiled `run(n_steps, first_step, ...)` of a plan's set of component types."""
     types = plan.layout.types
-    name = f"woven_{source_hash(types)}"
+    text = weave(plan)  # the order within a stage follows the connections, so the text belongs to the name
+    name = f"woven_{source_hash(types)}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     if name in sys.modules:
         return sys.modules[name].run
-    text = weave(plan)
     folder = cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -24,7 +24,9 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.errors import ParameterError, SolverError
+from shipgrid.model.component import STAGES
 from shipgrid.model.network import Network
+from shipgrid.model.records import names_of
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import Results, open_results
@@ -144,17 +146,27 @@ def simulate(
     began = time.perf_counter()
     if fidelity != "averaged":
         raise ParameterError(f"fidelity '{fidelity}' is not available, expected 'averaged'")
-    step = step or scenario.step or DEFAULT_STEP
+    h = step or scenario.step or DEFAULT_STEP
     end = scenario.duration if until is None else until
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
-    plan = build(ship, step)
+    plan = build(ship, h)
     folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end))
     try:
-        return _simulate(plan, ship, scenario, fidelity, end, folder, report, progress, overrides or {}, began)
+        run = _simulate(plan, ship, scenario, fidelity, end, folder.path, progress, overrides or {}, began)
+        final = folder.commit()
+    except OSError as error:
+        folder.discard()
+        raise SolverError(f"the results could not be written: {error}") from error
     except BaseException:
         folder.discard()
         raise
+    results = open_results(final)
+    if report:
+        results.report(final / "report.html")
+    if run.failure:
+        raise SolverError(f"{run.failure}; results up to then are in {final}")
+    return results
 
 
 def _simulate(
@@ -163,12 +175,11 @@ def _simulate(
     scenario: Any,
     fidelity: str,
     end: float,
-    folder: Any,
-    report: bool,
+    folder: Path,
     progress: Progress | None,
     overrides: Mapping[str, str],
     began: float,
-) -> Results:
+) -> Run:
     work, drift = start(plan, ship, scenario)
     run = Run(plan, work)
     before = stored_energy(plan, work)
@@ -177,7 +188,7 @@ def _simulate(
         for group, names in plan.groups.items()
     }
     about = provenance()
-    with ResultsWriter(folder.path, columns, plan.record_period, about) as writer:
+    with ResultsWriter(folder, columns, plan.record_period, about) as writer:
         _first_rows(run, writer)
         startup_s = time.perf_counter() - began
         go(run, scenario.events, end, writer, progress, partial(command_text, ship))
@@ -203,17 +214,11 @@ def _simulate(
         "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
         **about,
     }
-    (folder.path / "summary.json").write_text(json.dumps(summary, indent=1))
-    requirements = [r for r in scenario.requirements if r.start < run.t]
-    summary["requirements"] = [v.as_dict() for v in evaluate(requirements, open_results(folder.path))]
-    (folder.path / "summary.json").write_text(json.dumps(summary, indent=1))
-    (folder.path / "run.yaml").write_text(_run_yaml(ship, scenario, fidelity, plan.h, end, overrides, about))
-    if report:
-        open_results(folder.path).report(folder.path / "report.html")
-    final = folder.commit()
-    if run.failure:
-        raise SolverError(f"{run.failure}; results up to then are in {final}")
-    return open_results(final)
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1))
+    summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, open_results(folder))]
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1))
+    (folder / "run.yaml").write_text(_run_yaml(ship, scenario, fidelity, plan.h, end, overrides, about))
+    return run
 
 
 def go(
@@ -256,13 +261,12 @@ def go(
                 run.events.append((run.t, path, said(path, value)))
             stop = min(last, work.n + chunk, pending[0][0] if pending else last)
             now = time.perf_counter()
-            good = work.sig.copy()
             done = entry(stop - work.n, work.n, *values)
             took = time.perf_counter() - now
             work.n += abs(done)
             _flush(run, writer)
             if done < 0:
-                run.failure = _culprit(run, good)
+                run.failure = _culprit(run)
                 run.events.append((run.t, plan.network.name, run.failure))
                 break
             if took > 0.0:
@@ -329,31 +333,40 @@ def command_text(ship: Any, path: str, value: float) -> str:
     return f"set to {value:.6g} {'' if command.unit == '1' else command.unit}".rstrip()
 
 
-def _culprit(run: Run, good: np.ndarray) -> str:
-    """Name the signal that went furthest, against its largest size before."""
-    sig, layout = run.work.sig, run.plan.layout
-    names = [n for n in layout.index if n and not n.startswith("command:")]
-    places = np.array([layout.index[n] for n in names])
-    now, before = sig[places], good[places]
-    not_finite = ~np.isfinite(now)
-    growth = np.where(not_finite, np.inf, np.abs(now) / np.maximum(np.abs(before), 1.0))
-    node = next(
-        (n for n, k in zip(layout.nodes, [layout.index[n] for n in layout.nodes], strict=True) if not np.isfinite(sig[k])),
-        None,
-    )
-    worst = names[int(np.argmax(growth))]
-    value = sig[layout.index[worst]]
-    nodes = [n for n in layout.nodes if abs(sig[layout.index[n]]) > 0.0 or not np.isfinite(sig[layout.index[n]])]
-    at = node or max(nodes, key=lambda n: abs(sig[layout.index[n]]), default="")
-    return (
-        f"diverged at {run.t:.6f} s: {worst} = {value:.4g} {layout.unit.get(worst, '')} "
-        f"(a step before the chunk {good[layout.index[worst]]:.4g}), bus voltage {at} = {sig[layout.index[at]]:.4g} V"
-        if at
-        else f"diverged at {run.t:.6f} s: {worst} = {value:.4g}"
-    )
+def _culprit(run: Run) -> str:
+    """Say where a run broke: the component that first gave something that is no number, or the bus beyond all limits.
+
+    A step's stages run in order, so that of the components with a value that is no number the origin is the first
+    whose inputs still are numbers. A voltage beyond its limit is named with the element that drives most current.
+    """
+    plan, sig, layout = run.plan, run.work.sig, run.plan.layout
+    broken = []
+    for t in sorted(layout.types, key=lambda t: STAGES.index(t.kind.stage)):
+        for i, placed in enumerate(t.placed):
+            own = [(t.x + i * t.nx + k, name) for k, name in enumerate(names_of(t.kind.state))]
+            own += [(t.y + i * t.ny + k, name) for k, name in enumerate(names_of(t.kind.output))]
+            wrong = [f"{placed.path}.{name} = {sig[k]:g}" for k, name in own if not np.isfinite(sig[k])]
+            if wrong:
+                known = np.isfinite(sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]).all()
+                broken.append((not known, len(broken), wrong[0]))
+    net = plan.net
+    volts = np.abs(sig[net.node_signal])
+    node = int(np.argmax(np.where(np.isfinite(volts), volts / net.node_limit, np.inf)))
+    named = {place: name for name, place in layout.index.items()}
+    bus = f"{named[net.node_signal[node]]} = {sig[net.node_signal[node]]:.4g} V"
+    if broken:
+        return f"diverged at {run.t:.6f} s: {min(broken)[2]}, then {bus}"
+    ports = np.flatnonzero((net.port_plus == node) | (net.port_minus == node))
+    limit = f"beyond {net.node_limit[node]:.4g} V"
+    if not len(ports):
+        return f"diverged at {run.t:.6f} s: {bus}, {limit}"
+    worst = int(net.port_i[ports[np.argmax(np.abs(sig[net.port_i[ports]]))]])
+    return f"diverged at {run.t:.6f} s: {bus}, {limit}; {named[worst]} = {sig[worst]:.4g} A"
 
 
-def energy_balance(plan: Plan, work: Workspace, before: Mapping[str, float]) -> tuple[dict[str, dict[str, float]], float]:
+def energy_balance(
+    plan: Plan, work: Workspace, before: Mapping[str, float]
+) -> tuple[dict[str, dict[str, float]], float]:
     """Where the energy came from and went, by component, and the relative error of the balance.
 
     Parameters
@@ -417,7 +430,13 @@ def _bytes_needed(plan: Plan, end: float) -> int:
 
 
 def _run_yaml(
-    ship: Any, scenario: Any, fidelity: str, step: float, end: float, overrides: Mapping[str, str], about: Mapping[str, str]
+    ship: Any,
+    scenario: Any,
+    fidelity: str,
+    step: float,
+    end: float,
+    overrides: Mapping[str, str],
+    about: Mapping[str, str],
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [

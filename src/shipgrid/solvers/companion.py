@@ -140,7 +140,7 @@ def stage_matrices(
     M[rows, :] = 0.0
     M[:, rows] = 0.0
     N = gh * M @ B
-    if len(rows) == n:
+    if n and len(rows) == n:
         D = np.zeros_like(D)
     W = C @ N[:, :m] + D[:, :m]
     return M, N, C, D, W

@@ -316,6 +316,7 @@ def finish_step(
     sig,
     n_nodes,
     v,
+    v_start,
     node_signal,
     node_limit,
     state_signal,
@@ -332,7 +333,8 @@ def finish_step(
 ):
     """Publish node voltages, states, port voltages and currents.
 
-    Returns the first node whose voltage is absurd or not a number, or -1.
+    Returns the first node whose voltage is absurd or not a number at both ends of the step, or -1: an inductance that a
+    contact interrupts gives an impulse of one step, which is no divergence.
     """
     for k in range(state_signal.shape[0]):
         sig[state_signal[k]] = x[k]
@@ -347,6 +349,6 @@ def finish_step(
     bad = -1
     for k in range(n_nodes - 1, -1, -1):
         sig[node_signal[k]] = v[k]
-        if not (np.abs(v[k]) < node_limit[k]):
+        if not (np.abs(v[k]) < node_limit[k]) and not (np.abs(v_start[k]) < node_limit[k]):
             bad = k
     return bad

@@ -188,7 +188,7 @@ class _Record:
             self.slots.append((owner.__dict__, last))
             setattr(owner, last, np.float64(0.0))
 
-    def write(self, values: np.ndarray) -> None:
+    def write(self, values: Iterable[Any]) -> None:
         if self.flat:
             self.top.__dict__.update(zip(self.names, values, strict=True))
         else:
@@ -484,7 +484,7 @@ class _Plant:
             x.write(kept_x + 1j * COMPLEX_STEP * slope)
             i.call("outputs")
             slopes.append(slope)
-            currents.append(np.array([getattr(y.top, name) for name in ends]).imag / COMPLEX_STEP)
+            currents.append(np.imag([getattr(y.top, name) for name in ends]) / COMPLEX_STEP)
         u.write(kept_u)
         x.write(kept_x)
         y.write(kept_y)
@@ -523,7 +523,6 @@ class _Plant:
         x = z[self.n_v : self.n_v + self.n_x]
         v = np.zeros(len(self.node_places))
         v[self.stiff] = z[: self.n_v]
-        pairs = self.plan.gathers["network"]["latest"]
         for i in self.live:
             i.read(sig, "x")
         for i in self.machines:
@@ -535,36 +534,14 @@ class _Plant:
             i.call("outputs")
             top, port = i.records["y"].top, self.machine_port[k]
             machine_current[port : port + 2] = [getattr(top, end.i) for end in i.type.kind.terminals]
-        seen: np.ndarray | None = None
-        self.used = 0
+        source, port_v, current = self._pass(x, v, machine_current)
+        self.used = 1
         while self.used < self.passes:
+            before = sig.copy() if self.passes == PASSES else None
+            source, port_v, current = self._pass(x, v, machine_current)
             self.used += 1
-            for i in self.live:
-                if "outputs" in i.kernels:
-                    i.gather(sig)
-                    i.read(sig, "u")
-                    i.call("outputs")
-                    sig[i.ys] = i.records["y"].read()
-            sig[pairs[:, 0]] = sig[pairs[:, 1]]
-            source = sig[self.source_places]
-            current = now.C @ x + now.D_s @ source + now.D @ (self.T_c @ v[self.stiff]) + machine_current
-            if len(self.free):
-                v[self.free] = self._free_voltages(x, source, current, v)
-            port_v = now.T @ v
-            sig[self.port_v] = port_v
-            current += now.D @ (self.T_a @ v[self.free])
-            sig[self.port_i] = current
-            sig[self.node_places] = v
-            for i in self.machines:
-                i.gather(sig)
-                i.read(sig, "u")
-                i.call("outputs")
-                sig[i.ys] = i.records["y"].read()
-            if self.passes == PASSES:
-                here = sig.copy()
-                if seen is not None and np.array_equal(here, seen, equal_nan=True):
-                    break
-                seen = here
+            if before is not None and np.array_equal(sig, before, equal_nan=True):
+                break
         rate = np.empty(len(z))
         rate[: self.n_v] = (-self.g[self.stiff] * v[self.stiff] - self.S_c @ current) / self.c
         rate[self.n_v : self.n_v + self.n_x] = now.A @ x + now.B @ port_v + now.B_s @ source
@@ -582,6 +559,32 @@ class _Plant:
             rate[k : k + len(found)] = found
             k += len(found)
         return rate
+
+    def _pass(
+        self, x: np.ndarray, v: np.ndarray, machine_current: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Everything once, in order: returns sources, port voltages, port currents; completes `v`."""
+        sig, now, pairs = self.sig, self.now, self.plan.gathers["network"]["latest"]
+        for i in self.live:
+            if "outputs" in i.kernels:
+                i.gather(sig)
+                i.read(sig, "u")
+                i.call("outputs")
+                sig[i.ys] = i.records["y"].read()
+        sig[pairs[:, 0]] = sig[pairs[:, 1]]
+        source = sig[self.source_places]
+        current = now.C @ x + now.D_s @ source + now.D @ (self.T_c @ v[self.stiff]) + machine_current
+        if len(self.free):
+            v[self.free] = self._free_voltages(x, source, current, v)
+        port_v = now.T @ v
+        current += now.D @ (self.T_a @ v[self.free])
+        sig[self.port_v], sig[self.port_i], sig[self.node_places] = port_v, current, v
+        for i in self.machines:
+            i.gather(sig)
+            i.read(sig, "u")
+            i.call("outputs")
+            sig[i.ys] = i.records["y"].read()
+        return source, port_v, current
 
     def _free_voltages(self, x: np.ndarray, source: np.ndarray, current: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Voltages of the nodes without capacitance, from (2) and (3)."""
@@ -623,7 +626,8 @@ class _Plant:
             return self.jacobian
 
         self.age += 1
-        solver = Radau(right, 0.0, z, seconds, rtol=rtol, atol=atol * self.size, jac=slope, first_step=seconds)
+        scale: Any = atol * self.size  # SciPy takes an array, its types do not say so
+        solver = Radau(right, 0.0, z, seconds, rtol=rtol, atol=scale, jac=slope, first_step=seconds)
         while solver.status == "running":
             message = solver.step()
             if solver.status == "failed":
