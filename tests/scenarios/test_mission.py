@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,3 +140,12 @@ def test_genset_opens_only_when_the_rest_carries_the_load(mission):
     assert float(p.sel(time=slice(off[0] + 1.0, None)).max()) < 1e3
     v = mission["dc_for.v_dc"].sel(time=slice(1421.0, 1559.0))
     assert float(v.min()) > 715.0
+
+
+def test_the_example_draws_its_figure(mission, tmp_path):
+    example = Path(__file__).parents[2] / "examples" / "plot_mission.py"
+    spec = importlib.util.spec_from_file_location("plot_mission", example)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.draw(mission, tmp_path / "mission.png")
+    assert (tmp_path / "mission.png").stat().st_size > 20_000

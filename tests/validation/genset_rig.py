@@ -3,14 +3,18 @@
 from types import SimpleNamespace
 
 import numpy as np
+from numba import njit
 
 from shipgrid.components.mechanical import diesel_engine
 from shipgrid.components.sources import synchronous_generator as machine
 from shipgrid.controllers import exciter_ac1a, governor_degov1
 from shipgrid.equipment import genset
-from shipgrid.model import kernel, signal
+from shipgrid.model import signal
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
 from shipgrid.units import Ampere, Siemens
+
+loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
+
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 
@@ -93,7 +97,7 @@ def operating_point(item, P, Q=0.0, V=1.0):
     return x.real, {name: float(np.real(value)) for name, value in u.items()}
 
 
-@kernel
+@loop
 def machine_step(h, x, x_flat, u, p, n, work):
     """One SDIRK2 step of the machine alone, on its bus voltage (g_load < 0) or feeding a conductance g_load [S]."""
     x_1, x_1_flat, x_2, x_2_flat, bus_1, bus_2, g_load = work
@@ -108,7 +112,7 @@ def machine_step(h, x, x_flat, u, p, n, work):
         x_flat[k] = x_2_flat[k]
 
 
-@kernel
+@loop
 def connect(gh, x, u, p, n, bus, g_load):
     if g_load < 0.0:
         u.v_alpha, u.v_beta = bus
@@ -120,7 +124,7 @@ def connect(gh, x, u, p, n, bus, g_load):
     u.v_beta = (c * n.h_a - a * n.h_b) / det
 
 
-@kernel
+@loop
 def run_on_bus(steps, h, v, x, x_flat, u, p, n, x_1, x_1_flat, x_2, x_2_flat, trace):
     """The machine on the voltages `v` [2 steps, 2]: the two stage instants of each step. Records the state."""
     for k in range(steps):
@@ -143,7 +147,7 @@ def on_bus(item, x_0, inputs, h, steps, voltage):
     return trace
 
 
-@kernel
+@loop
 def heun(derivatives, t, dt, controller, scratch):
     """One Heun step of a continuous controller, inputs held."""
     x, flat, u, p, dx, dx_flat = controller
@@ -157,7 +161,7 @@ def heun(derivatives, t, dt, controller, scratch):
     flat[:] = old + 0.5 * dt * (slope + dx_flat)
 
 
-@kernel
+@loop
 def run_set(first, steps, h, every, g_load, generator, governor, exciter, engine, sequence, scratch, delays, trace):
     """The whole set on a conductance: sequence every 20 control periods, controls every `every` steps, machine each."""
     x, x_flat, u, p, y, n, x_1, x_1_flat, x_2, x_2_flat = generator

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.signal import tf2ss
 
 from shipgrid.components.electrical import lcl_filter
@@ -21,8 +22,10 @@ from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment import rectifier
 from shipgrid.equipment.rectifier import L_1_PAPER, L_1_PRESETS, RectifierSequence
-from shipgrid.model import kernel
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
+
+loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
+
 
 OMEGA = 2.0 * math.pi * 60.0
 T_S = 1.0 / 3240.0
@@ -48,7 +51,7 @@ def overlaid(record, scalar, **values):
     return flat, flat.view(record_dtype(record, scalar)).view(np.recarray)[0]
 
 
-@kernel
+@loop
 def rates(f, s, e, contacts, lcl, dc, df):
     """Derivative of the plant [i_1, v_c, i_2 of alpha, of beta, v_dc] for bridge `s` and source `e`, both complex."""
     flat, x, u, dflat, dx, p = lcl
@@ -68,7 +71,7 @@ def rates(f, s, e, contacts, lcl, dc, df):
     df[6] = (-1.5 * (s[0] * f[0] + s[1] * f[3]) - power / f[6] - conductance * (f[6] - v_0)) / capacitance
 
 
-@kernel
+@loop
 def period(k, f, pulses, contacts, lcl, dc, e_0, control, work):
     """One sampling period: measure, control, then the plant with the modulation computed a period ago."""
     x_flat, x, next_flat, x_next, u, y, p = control
@@ -92,7 +95,7 @@ def period(k, f, pulses, contacts, lcl, dc, e_0, control, work):
         f += h / 6.0 * (slope[0] + 2.0 * slope[1] + 2.0 * slope[2] + slope[3])
 
 
-@kernel
+@loop
 def sail(k_0, f, pulses, lcl, dc, e_0, control, work, sequence, on, log):
     """Sequence, control and plant for as many sampling periods as `log` has rows."""
     x_flat, x, next_flat, x_next, u, y, p = sequence
