@@ -95,14 +95,23 @@ def test_settled_intervals_are_settled(mission):
         assert np.ptp(y) < 1e-2 * nominal, name
 
 
-def test_thrust_rises_without_ringing(mission):
-    """After the ramp's end thrust falls to its steady value from above; it crosses it at most once."""
-    for side in ("for", "aft"):
-        thrust = window(mission, f"propeller_{side}.thrust", 310.0, 600.0).values.astype(float)
-        final = thrust[-50:].mean()
-        after_peak = thrust[np.argmax(thrust) :] - final
+@pytest.mark.parametrize(
+    "signal", ["propeller_for.thrust", "propeller_aft.thrust", "propulsion_for.tau_e", "propulsion_aft.i_q"]
+)
+def test_thrust_torque_and_current_rise_to_10_kn_without_ringing(mission, signal):
+    """After the ramp's end they fall to their steady values from above, and cross them at most once."""
+    for ending in ("", "_min", "_max"):
+        values = window(mission, signal + ending, 310.0, 600.0).values.astype(float)
+        final = values[-50:].mean()
+        after_peak = values[np.argmax(values) :] - final
         crossings = np.count_nonzero(np.diff(np.sign(after_peak[np.abs(after_peak) > 5e-3 * final])))
-        assert crossings <= 1
+        assert crossings <= 1, ending
+
+
+def test_acceleration_peak_is_that_of_the_ramp(mission):
+    """0.05 kn/s: m a is 58 % of the resistance at 10 kn (system page)."""
+    peak = float(mission["hull.acceleration_max"].sel(time=slice(310.0, 600.0)).max())
+    assert peak * 407.16e3 / 18.06e3 == pytest.approx(0.58, abs=0.03)
 
 
 def test_speed_overshoots_by_less_than_two_percent_and_the_ship_stops(mission):

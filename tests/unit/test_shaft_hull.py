@@ -69,7 +69,8 @@ def test_hull_accelerates_by_thrust_less_deduction_resistance_and_environment():
     assert dx.u_ship == pytest.approx((0.795 * 30e3 - 18.06e3 - 1e3) / 407.16e3)
     assert dx.distance == x.u_ship
     y = make_record(hull.Output)
-    hull.outputs(x, p, y, tables)
+    hull.outputs(x, u, p, y, tables)
+    assert y.acceleration == dx.u_ship
     assert (y.v_a, y.u_thrust) == pytest.approx((0.765 * x.u_ship, 0.795 * x.u_ship))
     # energy: what thrust gives is stored or used up
     given = 30e3 * y.u_thrust

@@ -148,7 +148,7 @@ def sail(h, refs, on, lines, ship, trace):
             x_h_flat[0] += 0.5 * marine * h * dx_h_flat[0]
             hull.derivatives(a_h[0], u_h[0], p_h, dx_h[0], pool_h)
             x_h_flat[0] += 0.5 * marine * h * dx_h_flat[0]
-            hull.outputs(x_h[0], p_h, y_h[0], pool_h)
+            hull.outputs(x_h[0], u_h[0], p_h, y_h[0], pool_h)
 
 
 def many(record: type, n: int):
@@ -186,7 +186,7 @@ def voyage(refs, on=None, h: float = 1e-3, u_0: float = 0.0, cruise: ShipSpeed |
     )
     ship = (p_h, *records(Hull, "state", "state", "state", "input", "output"), pool_h)
     ship[1].u_ship = u_0
-    hull.outputs(ship[1][0], p_h, ship[8][0], pool_h)
+    hull.outputs(ship[1][0], ship[7][0], p_h, ship[8][0], pool_h)
     trace = np.zeros((len(refs), 11))
     sail(h, refs, on, (first, moving), ship, trace)
     return trace

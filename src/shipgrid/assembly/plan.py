@@ -190,9 +190,8 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         for ledger in LEDGERS
         if ledger in t.kind.kernels
     ]
-    shunts = [(layout.nodes.index(n), g) for n, g in network.conductances.items() if g > 0.0]
-    energy_items += [(f"{layout.nodes[k]}.shunt", "losses") for k, _ in shunts]
-    node_order = [int(np.flatnonzero(net.node_signal == layout.index[layout.nodes[k]])[0]) for k, _ in shunts]
+    shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
+    energy_items += [(path, ledger) for _, _, path, ledger in shunts]
     limiter_paths = [
         f"{placed.path}.{f.name}"
         for t in layout.types
@@ -223,8 +222,8 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         slow=places(groups["slow"]),
         slow_every=max(1, round(record_slow / step)),
         audit_every=max(1, round(BOOKKEEPING_PERIOD / step)),
-        shunt_node=np.array([net.node_signal[k] for k in node_order], dtype=np.int64),
-        shunt_g=np.array([g * axis_weight(layout.nodes[k]) for k, g in shunts]),
+        shunt_node=np.array([layout.index[node] for node, *_ in shunts], dtype=np.int64),
+        shunt_g=np.array([siemens * axis_weight(node) for node, siemens, *_ in shunts]),
         n_energy=len(energy_items),
         limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
         watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import _order, _views
+from shipgrid.assembly.weave import type_order, type_views
 from shipgrid.model.kernel import argument_names, call_uncompiled
 
 
@@ -25,7 +25,7 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
     sig = work.sig
     pairs = plan.gathers["network"]["latest"]
     for _ in range(2):
-        for t in _order(plan):
+        for t in type_order(plan):
             kind = t.kind
             if kind.linear:
                 continue
@@ -35,7 +35,7 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
             kernel = kind.kernels.get("outputs")
             if kernel is None:
                 continue
-            views = dict(_views(plan, work, t))
+            views = dict(type_views(plan, work, t))
             names = argument_names(kernel)
             for i in range(len(t.placed)):
                 values: dict[str, Any] = {"t": 0.0, "tables": plan.step.tables, "delays": work.step.delays}

@@ -66,11 +66,16 @@ def _package_sources() -> bytes:
     return digest.digest()
 
 
+def woven_name(plan: Plan, text: str | None = None) -> str:
+    """Name of a plan's woven module: hashes of the sources and of its text, which holds the order within a stage."""
+    digest = hashlib.sha256((text or weave(plan)).encode()).hexdigest()[:8]
+    return f"woven_{source_hash(plan.layout.types)}_{digest}"
+
+
 def woven_entry(plan: Plan) -> Callable[..., int]:
     """The compiled `run(n_steps, first_step, ...)` of a plan's set of component types."""
-    types = plan.layout.types
-    text = weave(plan)  # the order within a stage follows the connections, so the text belongs to the name
-    name = f"woven_{source_hash(types)}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    text = weave(plan)
+    name = woven_name(plan, text)
     if name in sys.modules:
         return sys.modules[name].run
     folder = cache_folder()
@@ -100,11 +105,11 @@ def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
     values: list[Any] = [work.sig, plan.gathers["network"]["latest"]]
     values += [*plan.net, *work.net, *plan.step, *work.step]
     for t in plan.layout.types:
-        values += [value for _, value in _views(plan, work, t)]
+        values += [value for _, value in type_views(plan, work, t)]
     return tuple(values)
 
 
-def _views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
+def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
     """Names and values of one type's arguments."""
     kind, count, key = t.kind, len(t.placed), t.kind.key
     found: list[tuple[str, Any]] = []
@@ -162,7 +167,7 @@ def weave(plan: Plan) -> str:
     functions: list[str] = []
     calls: list[str] = []
     known = [*SHARED, *(name for t in types for name in _names(t))]
-    ordered = _order(plan)
+    ordered = type_order(plan)
 
     def function(name: str, body: list[str]) -> str:
         """Add one function of the module: small ones that take what they use compile fastest. Returns its call."""
@@ -405,7 +410,7 @@ def _audit(types: list[TypeLayout], imported: Callable[[Any, str], str]) -> list
     return lines
 
 
-def _order(plan: Plan) -> list[TypeLayout]:
+def type_order(plan: Plan) -> list[TypeLayout]:
     """Types in an order in which each runs after those of its own stage whose outputs it reads."""
     owner = {placed.path: t.kind.key for t in plan.layout.types for placed in t.placed}
     by_key = {t.kind.key: t for t in plan.layout.types}
@@ -444,7 +449,7 @@ def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
         kernel = t.kind.kernels.get("stored_energy")
         if kernel is None:
             continue
-        views = dict(_views(plan, work, t))
+        views = dict(type_views(plan, work, t))
         key = t.kind.key
         names = argument_names(kernel)
         for i, placed in enumerate(t.placed):

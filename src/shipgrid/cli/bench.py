@@ -50,7 +50,7 @@ def measure() -> dict[str, Any]:
         "us_per_step_p05": float(low),
         "us_per_step_p95": float(high),
         "us_per_step_worst_spell": float(max(spells)),
-        **provenance(),
+        **provenance(started.plan),
     }
 
 

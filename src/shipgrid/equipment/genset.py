@@ -220,7 +220,7 @@ class Genset:
     def build(self, net, name, ship):
         """Wire the genset; its terminals are the AC bus `<name>.terminals`."""
         terminals = net.ac_bus(f"{name}.terminals", self.v_n, self.f_n)
-        net.conductance(terminals, self.local_load * self.rating / self.v_n**2)
+        net.conductance(terminals, self.local_load * self.rating / self.v_n**2, consumer=f"{name}.local_load")
         machine = dataclasses.replace(self.machine, S_n=self.rating, v_n=self.v_n, f_n=self.f_n, H=self.inertia_H)
         net.add_three_phase(
             f"{name}.machine",

@@ -21,7 +21,8 @@ T_MARINE = 1e-3
     "hull",
     signals=(
         Published("u_ship", "m/s", "speed through the water, positive ahead"),
-        Published("distance", "m", "distance made good ahead"),
+        Published("acceleration", "m/s2", "acceleration of the ship"),
+        Published("distance", "m", "distance made good ahead", "slow"),
         Published("resistance", "N", "resistance in still water, with the sign of the speed"),
     ),
 )
@@ -79,9 +80,11 @@ class HullForm:
                 thrust = f"{name}.sum_{k}.total"
             inputs["thrust"] = thrust
         net.add(f"{name}.surge", self.component(), inputs=inputs, clock=every)
-        for signal, unit, text in (
-            ("u_ship", "m/s", "speed through the water, positive ahead"),
-            ("distance", "m", "distance made good ahead"),
-            ("resistance", "N", "resistance in still water, with the sign of the speed"),
-        ):
-            net.publish(f"{name}.{signal}", source=f"{name}.surge.{signal}", unit=unit, description=text, group="slow")
+        for public in type(self).__equipment__.signals:  # type: ignore[attr-defined]
+            net.publish(
+                f"{name}.{public.name}",
+                source=f"{name}.surge.{public.name}",
+                unit=public.unit,
+                description=public.description,
+                group=public.group,
+            )

@@ -224,7 +224,8 @@ class Propulsion:
             inputs={"tau_e": f"{name}.motor.tau_e", "tau": f"{name}.propeller.tau"},
         )
 
-        drive, screw = "plant", "slow"
+        # what moves goes with its extremes; the advance ratio is a quotient that is anything near standstill
+        drive, screw, ratio = "plant", "plant", "slow"
         for public, source, unit, text, group in (
             (f"{name}.omega_m", omega_m, "rad/s", "shaft speed", drive),
             (f"{name}.tau_e", f"{name}.motor.tau_e", "N m", "air-gap torque of the motor", drive),
@@ -232,7 +233,7 @@ class Propulsion:
             (f"{name}.p_dc", f"{name}.motor.p_s", "W", "power the drive takes from the DC bus", drive),
             (f"{self.propeller}.thrust", f"{name}.propeller.thrust", "N", "thrust of the screw, positive ahead", screw),
             (f"{self.propeller}.tau", f"{name}.propeller.tau", "N m", "torque the screw takes from the shaft", screw),
-            (f"{self.propeller}.J_adv", f"{name}.propeller.J_adv", "1", "advance ratio of the screw", screw),
+            (f"{self.propeller}.J_adv", f"{name}.propeller.J_adv", "1", "advance ratio of the screw", ratio),
         ):
             net.publish(public, source=source, unit=unit, description=text, group=group)
         net.watch_state(name, f"{name}.sequence.state", states=STATES)

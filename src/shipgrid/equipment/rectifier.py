@@ -181,7 +181,7 @@ class RectifierSequence:
         "DC voltage below which unloading is broken off",
         default=715.0,
         above=0.0,
-        source="two 128 A batteries in droop hold 719 V at 100 kW",
+        source="two 128 A batteries in droop hold 716 V at 50 kW each, 728 V with +40 A",
     )
     t_retry: Second = param(
         "time until the next attempt after that", default=30.0, at_least=0.0, source="design choice"

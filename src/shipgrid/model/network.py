@@ -147,6 +147,7 @@ class Network:
     buses: dict[str, Bus] = field(default_factory=dict, init=False)
     capacitances: dict[str, float] = field(default_factory=dict, init=False)
     conductances: dict[str, float] = field(default_factory=dict, init=False)
+    shunts: list[tuple[str, float, str, str]] = field(default_factory=list, init=False)
     placed: dict[str, Placed] = field(default_factory=dict, init=False)
     commands: dict[str, float] = field(default_factory=dict, init=False)
     published: dict[str, PublicSignal] = field(default_factory=dict, init=False)
@@ -177,10 +178,21 @@ class Network:
         for node in bus.nodes:
             self.capacitances[node] = self.capacitances.get(node, 0.0) + farad
 
-    def conductance(self, bus: Bus, siemens: float) -> None:
-        """Add a resistive shunt to a bus (per axis of an AC bus)."""
+    def conductance(self, bus: Bus, siemens: float, *, consumer: str = "") -> None:
+        """Add a resistive shunt to a bus (per axis of an AC bus).
+
+        Parameters
+        ----------
+        bus : DcBus or AcBus
+        siemens : float
+            Conductance between the poles, or of each phase of a star [S].
+        consumer : str, optional
+            Path under which its power counts as consumed; a loss of the bus if left out.
+        """
         for node in bus.nodes:
             self.conductances[node] = self.conductances.get(node, 0.0) + siemens
+            path, ledger = (consumer, "consumed") if consumer else (f"{bus.name}.shunt", "losses")
+            self.shunts.append((node, siemens, path, ledger))
 
     def add(
         self,

@@ -6,7 +6,9 @@ import json
 import math
 import os
 import platform
+import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,16 +24,17 @@ from shipgrid.analysis.requirements import evaluate
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.errors import ParameterError, SolverError
 from shipgrid.model.component import STAGES
 from shipgrid.model.network import Network
 from shipgrid.model.records import names_of
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
-from shipgrid.scenarios.results import Results, open_results
+from shipgrid.scenarios.results import Results, citation_keys, open_results
 
-DEFAULT_STEP = 30e-6
+DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
+"""Step lengths [s]."""
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
 BYTES_PER_VALUE = 12
@@ -146,21 +149,29 @@ def simulate(
     began = time.perf_counter()
     if fidelity != "averaged":
         raise ParameterError(f"fidelity '{fidelity}' is not available, expected 'averaged'")
-    h = step or scenario.step or DEFAULT_STEP
+    h = next(h for h in (step, scenario.step, DEFAULT_STEP) if h is not None)
+    if not SHORTEST_STEP <= h <= LONGEST_STEP:
+        raise ParameterError(f"step = {h!r} s, expected {SHORTEST_STEP:g} s to {LONGEST_STEP:g} s")
     end = scenario.duration if until is None else until
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     plan = build(ship, h)
     folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end))
     try:
-        run = _simulate(plan, ship, scenario, fidelity, end, folder.path, progress, overrides or {}, began)
-        final = folder.commit()
-    except OSError as error:
-        folder.discard()
-        raise SolverError(f"the results could not be written: {error}") from error
+        work, drift = start(plan, ship, scenario)
+        about = provenance(plan)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about)
+        (folder.path / "run.yaml").write_text(text)
     except BaseException:
         folder.discard()
         raise
+    run = Run(plan, work)
+    try:
+        _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began)
+    except (OSError, RuntimeError) as error:  # the disk is full, say
+        raise SolverError(f"the results could not be written beyond {run.t:g} s: {error}") from error
+    finally:  # what is on the disk is kept, whatever happened
+        final = folder.commit()
     results = open_results(final)
     if report:
         results.report(final / "report.html")
@@ -169,25 +180,25 @@ def simulate(
     return results
 
 
-def _simulate(
-    plan: Plan,
+def _record(
+    run: Run,
     ship: Any,
     scenario: Any,
     fidelity: str,
     end: float,
     folder: Path,
     progress: Progress | None,
-    overrides: Mapping[str, str],
+    about: Mapping[str, str],
+    drift: float,
     began: float,
-) -> Run:
-    work, drift = start(plan, ship, scenario)
-    run = Run(plan, work)
+) -> None:
+    """Run to the end, and write results and summary into a folder."""
+    plan, work = run.plan, run.work
     before = stored_energy(plan, work)
     columns = {
         group: [(n, plan.network.published[n].unit, plan.network.published[n].description) for n in names]
         for group, names in plan.groups.items()
     }
-    about = provenance()
     with ResultsWriter(folder, columns, plan.record_period, about) as writer:
         _first_rows(run, writer)
         startup_s = time.perf_counter() - began
@@ -217,8 +228,6 @@ def _simulate(
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
     summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, open_results(folder))]
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
-    (folder / "run.yaml").write_text(_run_yaml(ship, scenario, fidelity, plan.h, end, overrides, about))
-    return run
 
 
 def go(
@@ -253,8 +262,8 @@ def go(
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
     began = time.perf_counter()
-    try:
-        while work.n < last:
+    with _Interrupt() as interrupt:
+        while work.n < last and not interrupt.asked:
             while pending and pending[0][0] <= work.n:
                 _, path, value = pending.pop(0)
                 work.sig[plan.layout.index[f"command:{path}"]] = value
@@ -272,11 +281,51 @@ def go(
             if took > 0.0:
                 chunk = int(min(most, max(500, chunk * WALL_PER_CHUNK / took)))
             if progress is not None:
-                progress(run.t, end)
-    except KeyboardInterrupt:
-        run.interrupted = True
-        run.events.append((run.t, plan.network.name, "interrupted"))
+                try:
+                    progress(run.t, end)
+                except KeyboardInterrupt:
+                    interrupt.asked = True
+        if interrupt.asked and work.n < last:
+            run.interrupted = True
+            run.events.append((run.t, plan.network.name, "interrupted"))
+    _last_rows(run, writer)
     run.wall_s += time.perf_counter() - began
+
+
+class _Interrupt:
+    """While it is entered, Ctrl-C asks for a stop between two chunks and does nothing else.
+
+    A KeyboardInterrupt would be raised when the compiled loop returns, before what it did has been booked.
+    """
+
+    asked = False
+
+    def __enter__(self) -> _Interrupt:
+        self.main = threading.current_thread() is threading.main_thread()
+        if self.main:
+            self.before = signal.signal(signal.SIGINT, self._ask)
+        return self
+
+    def _ask(self, number: int, frame: object) -> None:
+        self.asked = True
+
+    def __exit__(self, *exception: object) -> None:
+        if self.main:
+            signal.signal(signal.SIGINT, self.before)
+
+
+def _last_rows(run: Run, writer: ResultsWriter | None) -> None:
+    """Write the instant at which a run ended, with the extremes since the last row, where no row is due there."""
+    plan, work = run.plan, run.work
+    if writer is None or work.n == 0:
+        return
+    at = np.array([run.t])
+    if work.n % plan.step.record_every:
+        value = work.sig[plan.step.recorded][None, :]
+        low, high = work.step.low_now[None, :], work.step.high_now[None, :]
+        writer.append("plant", at, value, np.minimum(low, value), np.maximum(high, value))
+    if work.n % plan.step.slow_every:
+        writer.append("slow", at, work.sig[plan.step.slow][None, :])
 
 
 def _first_rows(run: Run, writer: ResultsWriter) -> None:
@@ -381,13 +430,13 @@ def energy_balance(
     ledgers : dict of str to dict of str to float
         `sources`, `consumers`, `losses`, `stored` (change) in joule by component path.
     error : float
-        (sources - consumers - losses - stored) over the largest of the sums of what was supplied and taken up.
+        (sources - consumers - losses - stored) over the sum of what each source gave or took on balance.
     """
     names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
     ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
     for (path, ledger), value in zip(plan.energy_items, work.step.energy, strict=True):
         place = ledgers[names[ledger]]
-        short = path.removesuffix(".alpha").removesuffix(".beta").removesuffix(".v_alpha").removesuffix(".v_beta")
+        short = path.removesuffix(".alpha").removesuffix(".beta")
         place[short] = place.get(short, 0.0) + float(value)
     after = stored_energy(plan, work)
     for path, value in after.items():
@@ -398,27 +447,35 @@ def energy_balance(
     return ledgers, net / gross if gross > 0.0 else 0.0
 
 
-def provenance() -> dict[str, str]:
-    """Versions a result depends on."""
+def provenance(plan: Plan) -> dict[str, str]:
+    """Versions a result depends on, and what to cite.
+
+    The commit is that of the working copy the package lies in, with `-dirty` where it has changes; "unknown" elsewhere.
+    """
+    home = Path(shipgrid.__file__).parent
+    commit = "unknown"
     try:
-        commit = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            cwd=Path(shipgrid.__file__).parent,
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        ).stdout.strip()
+        top = _git(home, "rev-parse", "--show-toplevel")
+        if (Path(top) / "src" / "shipgrid").resolve() == home.resolve():
+            commit = _git(home, "rev-parse", "HEAD") + ("-dirty" if _git(home, "status", "--porcelain") else "")
     except (OSError, subprocess.SubprocessError):
-        commit = "unknown"
+        pass
+    modules = {t.kind.cls.__module__ for t in plan.layout.types} | {"shipgrid.solvers.companion"}
     return {
         "version": shipgrid.__version__,
         "commit": commit,
+        "plan": woven_name(plan),
         "python": platform.python_version(),
         "numba": numba.__version__,
         "numpy": np.__version__,
         "machine": platform.machine() + f", {os.cpu_count()} cores",
+        "references": " ".join(citation_keys(sorted(modules))),
     }
+
+
+def _git(folder: Path, *words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, timeout=5, check=True)
+    return done.stdout.strip()
 
 
 def _bytes_needed(plan: Plan, end: float) -> int:

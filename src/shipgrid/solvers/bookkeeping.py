@@ -103,7 +103,7 @@ def audit(
     event_which,
     event_value,
 ):
-    """Shunt losses, time that limiters act, changes of watched codes."""
+    """Power of the shunts, time that limiters act, changes of watched codes."""
     dt = audit_every * h
     first = n_energy - shunt_node.shape[0]
     for k in range(shunt_node.shape[0]):

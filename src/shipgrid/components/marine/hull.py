@@ -21,7 +21,7 @@ import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.ops import absolute, interp
-from shipgrid.units import KNOT, Kilogram, Metre, MetrePerSecond, Newton, Ratio
+from shipgrid.units import KNOT, Kilogram, Metre, MetrePerSecond, MetrePerSecond2, Newton, Ratio
 
 N_POINTS = 6
 
@@ -38,6 +38,7 @@ class Input:
 
 class Output:
     resistance: Newton = signal("resistance in still water, with the sign of the speed")
+    acceleration: MetrePerSecond2 = signal("acceleration of the ship")
     v_a: MetrePerSecond = signal("speed of the water into the screws")
     u_thrust: MetrePerSecond = signal("speed at which thrust does work on the ship")
 
@@ -54,14 +55,19 @@ def resistance(u_ship, p, tables):
 
 
 @kernel
+def acceleration(x: State, u: Input, p: Hull, tables):
+    return ((1.0 - p.t_f) * u.thrust - resistance(x.u_ship, p, tables) - u.T_env) / (p.m + p.m_add)  # (1)
+
+
+@kernel
 def derivatives(x: State, u: Input, p: Hull, dx: State, tables):
-    drive = (1.0 - p.t_f) * u.thrust - resistance(x.u_ship, p, tables) - u.T_env
-    dx.u_ship = drive / (p.m + p.m_add)  # (1)
+    dx.u_ship = acceleration(x, u, p, tables)
     dx.distance = x.u_ship  # (3)
 
 
 @kernel
-def outputs(x: State, p: Hull, y: Output, tables):
+def outputs(x: State, u: Input, p: Hull, y: Output, tables):
+    y.acceleration = acceleration(x, u, p, tables)
     y.resistance = resistance(x.u_ship, p, tables)
     y.v_a = (1.0 - p.w_f) * x.u_ship  # (4)
     y.u_thrust = (1.0 - p.t_f) * x.u_ship
