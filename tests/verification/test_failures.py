@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import signal as signals
 from collections import namedtuple
 
 import numpy as np
@@ -175,8 +177,17 @@ def test_an_interrupt_keeps_what_was_computed(ferry, scenario, tmp_path):
     assert results.summary["interrupted"] and not results.summary["failure"]
     assert 0.0 < results.summary["simulated_s"] < 2.0
     assert results.summary["simulated_s"] == pytest.approx(calls[-1])
-    assert len(results["bus.v_dc"]) == 1 + results.summary["steps"] // 33  # recorded every 33 steps
+    rows = -(-results.summary["steps"] // 33)  # recorded every 33 steps, and at the last instant
+    assert len(results["bus.v_dc"]) == 1 + rows
     assert left_over(tmp_path, "short.yaml") == ["out"]
+
+
+def test_an_interrupt_signal_ends_the_run_between_two_chunks(ferry, scenario, tmp_path):
+    results = simulate(scenario, tmp_path / "out", progress=lambda now, end: os.kill(os.getpid(), signals.SIGINT))
+    assert results.summary["interrupted"]
+    assert 0.0 < results.summary["simulated_s"] < 2.0
+    assert float(results["bus.v_dc"]["time"][-1]) == pytest.approx(results.summary["simulated_s"])
+    assert results.events[-1].text == "interrupted"
 
 
 def test_the_command_line_ends_an_interrupted_run_with_exit_status_130(ferry, scenario, tmp_path, monkeypatch):
@@ -243,11 +254,12 @@ def test_older_results_stay_if_the_new_run_cannot_start(ferry, scenario, tmp_pat
     assert left_over(tmp_path, "short.yaml") == ["out"]
 
 
-def test_a_disk_that_fills_up_during_the_run_leaves_nothing_half_written(ferry, scenario, tmp_path, monkeypatch):
+def test_a_disk_that_fills_up_during_the_run_keeps_what_was_written(ferry, scenario, tmp_path, monkeypatch):
     def full(self, *args):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(runner.ResultsWriter, "events", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(SolverError, match="No space left"):
         simulate(scenario, tmp_path / "out", until=0.01)
-    assert left_over(tmp_path, "short.yaml") == []
+    assert left_over(tmp_path, "short.yaml") == ["out"]
+    assert (tmp_path / "out" / "results.nc").exists()

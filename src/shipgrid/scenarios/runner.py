@@ -172,12 +172,12 @@ def simulate(
         raise SolverError(f"the results could not be written beyond {run.t:g} s: {error}") from error
     finally:  # what is on the disk is kept, whatever happened
         final = folder.commit()
-    results = open_results(final)
     if report:
-        results.report(final / "report.html")
+        with open_results(final) as written:
+            written.report(final / "report.html")
     if run.failure:
         raise SolverError(f"{run.failure}; results up to then are in {final}")
-    return results
+    return open_results(final)
 
 
 def _record(
@@ -226,7 +226,8 @@ def _record(
         **about,
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
-    summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, open_results(folder))]
+    with open_results(folder) as written:
+        summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written)]
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
 
 
