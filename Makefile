@@ -40,7 +40,7 @@ $(VENV)/.installed-test: $(VENV)/.installed lock/requirements-test.txt
 test: install install-test lint
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadscope -m "not full and not realtime"
 
-# One process, since the timing-sensitive tests want the machine to themselves.
+# With the mission's first half at 30 us (minutes).
 full: install install-test lint
 	$(BIN)/python -m pytest
 

@@ -158,3 +158,17 @@ def test_the_example_draws_its_figure(mission, tmp_path):
     spec.loader.exec_module(module)
     module.draw(mission, tmp_path / "mission.png")
     assert (tmp_path / "mission.png").stat().st_size > 20_000
+
+
+@pytest.mark.full
+def test_settled_means_at_the_long_step_are_those_at_30_us(mission, tmp_path):
+    ship = sg.load_ship("ferry")
+    fine = sg.simulate(ship, sg.load_scenario("mission"), step=30e-6, until=1390.0, out=tmp_path / "fine", report=False)
+    for name, nominal in (
+        ("dc_for.v_dc", 750.0),
+        ("bess_for.i_b", 128.0),
+        ("genset_for.p_pu", 1.0),
+        ("hull.u_ship", 5.144),
+    ):
+        for start, end in ((2.0, 9.0), (250.0, 305.0), AT_10_KN):
+            assert mean(mission, name, start, end) == pytest.approx(mean(fine, name, start, end), abs=1e-3 * nominal)

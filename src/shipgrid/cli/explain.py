@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ import typer
 
 from shipgrid.cli.listing import table
 from shipgrid.model.component import STAGES, type_of
-from shipgrid.model.network import AcBus, Every, Network, Sampled
+from shipgrid.model.network import AcBus, Every, Network, Placed, Sampled
 from shipgrid.solvers.companion import state_space
+from shipgrid.solvers.topology import islands
 
 
 def explain_ship(ship: Any, step: float) -> None:
@@ -19,6 +21,7 @@ def explain_ship(ship: Any, step: float) -> None:
     ship.build(network)
     _buses(network)
     _elements(network, step)
+    _islands(network)
     _stages(network, step)
     types = {type_of(placed.item).name for placed in network.placed.values()}
     typer.echo(
@@ -41,6 +44,28 @@ def _buses(network: Network) -> None:
 
 def _touches(binding: Any, bus: Any) -> bool:
     return binding.plus in bus.nodes or binding.minus in bus.nodes
+
+
+def _islands(network: Network) -> None:
+    """Buses that hang together: with all contacts closed, and with every element that has contacts taken out."""
+    owner = {node: name for name, bus in network.buses.items() for node in bus.nodes}
+
+    def joined(placed: Iterable[Placed]) -> list[tuple[str, str]]:
+        pairs = []
+        for item in placed:
+            ends = sorted({owner[n] for b in item.ports.values() for n in (b.plus, b.minus) if n is not None})
+            pairs += [(ends[0], other) for other in ends[1:]]
+        return pairs
+
+    fixed = [item for item in network.placed.values() if item.variant is None]
+    rows = [
+        (position, str(len(groups)), "; ".join(", ".join(sorted(group)) for group in groups))
+        for position, groups in (
+            ("all closed", islands(network.buses, joined(network.placed.values()))),
+            ("all open", islands(network.buses, joined(fixed))),
+        )
+    ]
+    table("Islands", ("contacts", "islands", "buses of each"), rows)
 
 
 def _elements(network: Network, step: float) -> None:
