@@ -74,11 +74,11 @@ def test_moored_plant_gives_what_the_hotel_load_takes(ship, commands):
 
 
 def with_a_genset(ship, commands, step: float) -> tuple[Plan, Workspace, dict[str, float]]:
-    """Genset fore started from moored and loaded by the droop: settled after 24 s."""
+    """Genset fore started from moored and loaded by the droop; its reactive loop (0.13 1/s) has a minute."""
     plan = build(ship, step)
     work, _ = operating_point(plan, commands)
     work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
-    advance(plan, work, 24.0)
+    advance(plan, work, 65.0)
     return plan, work, means(plan, work, 1.0)
 
 
@@ -87,7 +87,7 @@ def at_30_us(ship, commands):
     return with_a_genset(ship, commands, 30e-6)
 
 
-@pytest.mark.parametrize("step", [15e-6, 120e-6])
+@pytest.mark.parametrize("step", [15e-6, 90e-6])
 def test_settled_means_do_not_depend_on_the_step(ship, commands, at_30_us, step):
     plan, _, at_30 = at_30_us
     _, _, other = with_a_genset(ship, commands, step)
