@@ -9,7 +9,6 @@ import numpy as np
 
 from shipgrid.model import kernel
 
-
 UNDERFLOW = 1e-150
 """A signal below this magnitude, in any SI unit, is zero."""
 
