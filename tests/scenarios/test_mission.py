@@ -110,6 +110,7 @@ def test_thrust_torque_and_current_rise_to_10_kn_without_ringing(mission, signal
 
 def test_acceleration_peak_is_that_of_the_ramp(mission):
     """0.05 kn/s: m a is 58 % of the resistance at 10 kn (system page); the control catches up with a little more."""
+    # the upper bound was set after the first run had shown 0.63: it guards against growth, it does not confirm the 0.58
     peak = float(mission["hull.acceleration_max"].sel(time=slice(310.0, 600.0)).max())
     assert 0.58 <= peak * 407.16e3 / 18.06e3 < 1.15 * 0.58
 
