@@ -258,7 +258,6 @@ def test_a_stamp_is_the_derivative_of_one_implicit_euler_step(name):
     """Angle and speed at the step's end are predicted; everything else obeys x1 = x0 + gh f(x1), and i = G v + h."""
     for bench in benches(name, records=3):
         kind, names = bench.kind, names_of(bench.kind.state)
-        bench.values["u"] |= dict.fromkeys(set(bench.values["u"]) & {"blocked"}, 0.0)
         volts = [terminal.v for terminal in kind.terminals]
         ports = [names_of(kind.output).index(terminal.i) for terminal in kind.terminals]
         columns = [names_of(kind.input).index(v) for v in volts]
@@ -299,7 +298,6 @@ def test_a_stamp_is_the_derivative_of_one_implicit_euler_step(name):
 
 POWER_BESIDE_TERMINALS = {
     "BuckBoost": lambda x, u, p, y: u.e * (u.e - x.v_c) / p.R_b,
-    "Precharge": lambda x, u, p, y: u.e * x.i_p,
     "Pmsm": lambda x, u, p, y: -y.tau_e * u.omega_m,
     "Shaft": lambda x, u, p, y: (u.tau_e - u.tau) * x.omega_m,
     "Propeller": lambda x, u, p, y: y.tau * u.omega_m - y.thrust * u.u_thrust,
@@ -314,7 +312,6 @@ BOOKED = [n for n in NAMES if set(KINDS[n].kernels) & {"stored_energy", "losses"
 @pytest.mark.parametrize("name", BOOKED)
 def test_terminal_power_is_the_change_of_stored_energy_and_losses(name):
     for bench in benches(name, records=4):
-        bench.values["u"] |= dict.fromkeys(set(bench.values["u"]) & {"blocked"}, 0.0)
         given, taken, size, losses = balance(bench)
         assert given == pytest.approx(taken, abs=1e-9 * size), f"{name}: {bench.values}"
         if bench.kind.passive:

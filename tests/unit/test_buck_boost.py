@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shipgrid.components.converters import buck_boost as kernels
-from shipgrid.components.converters.buck_boost import BuckBoost, Input, Output, Precharge, State
+from shipgrid.components.converters.buck_boost import BuckBoost, Input, Output, State
 from shipgrid.model.component import type_of
 from shipgrid.model.records import make_record, parameter_record
 
@@ -70,22 +70,15 @@ def test_ripple_of_the_choke_is_45_ampere_peak_to_peak():
     assert up.i_l * (1.0 - duty) == pytest.approx(-down.i_l * duty, rel=1e-12)
 
 
-def test_blocked_holds_the_choke_current():
-    assert type_of(BuckBoost()).variants == {"blocked": ("i_l",)}
-    assert type_of(Precharge()).variants == {"open": ("i_p",)}
+def test_open_holds_the_choke_current():
+    assert type_of(BuckBoost()).variants == {"open": ("i_l",), "precharge": ()}
 
 
 def test_precharge_current_is_set_by_its_resistor():
-    p, _ = parameter_record(Precharge())
-    u = make_record(kernels.PrechargeInput, {"e": 474.2, "v_dc": 0.0})
     i = 474.2 / (20.0 + 0.25 + 34.375e-3)
-    x, dx, y = (
-        make_record(r, v)
-        for r, v in ((kernels.PrechargeState, {"i_p": i}), (kernels.PrechargeState, {}), (kernels.PrechargeOutput, {}))
-    )
-    kernels.precharge_derivatives(0.0, x, u, p, dx)
-    kernels.precharge_outputs(0.0, x, u, p, y)
-    assert dx.i_p == pytest.approx(0.0, abs=1e-8)
-    assert y.i_dc == -i
-    assert kernels.precharge_losses(x, u, p) == pytest.approx(474.2 * i)
-    assert kernels.precharge_stored_energy(x, p) == pytest.approx(0.5 * 0.8e-3 * i**2)
+    u = make_record(kernels.Input, {"e": 474.2, "v_leg": 0.0, "position": 2.0})
+    x = make_record(kernels.State, {"v_c": 474.2 - 34.375e-3 * i, "i_l": i})
+    dx = make_record(kernels.State)
+    kernels.derivatives(0.0, x, u, P, dx)
+    assert dx.i_l == pytest.approx(0.0, abs=1e-8)
+    assert kernels.losses(x, u, P) == pytest.approx(474.2 * i)

@@ -78,9 +78,8 @@ def test_power_into_the_terminals_is_stored_or_lost():
         moved = make_record(State, {n: x[n] + side * h * dx[k] for k, n in enumerate(STATES)})
         ends.append(stored_energy(moved, p))
     into = u.v_conv * y.i_conv + u.v_g * y.i_g
-    assert into == pytest.approx((ends[1] - ends[0]) / h + losses(x, p), rel=1e-5)  # difference quotient
+    assert into == pytest.approx((ends[1] - ends[0]) / h + losses(x, u, p), rel=1e-5)  # difference quotient
 
 
-def test_blocked_holds_the_converter_current_and_open_everything():
-    variants = type_of(LclFilter).variants
-    assert list(variants.values()) == [("i_1",), ("i_1", "v_c", "i_2")]
+def test_open_holds_everything_and_precharge_nothing():
+    assert type_of(LclFilter).variants == {"open": ("i_1", "v_c", "i_2"), "precharge": ()}

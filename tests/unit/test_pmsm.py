@@ -28,9 +28,7 @@ def machine(motor: Pmsm, omega_m: float = OMEGA_N, **values: float):
     """Parameters, state, input and output records of a motor."""
     p, _ = parameter_record(motor)
     x = make_record(pmsm.State, {k: v for k, v in values.items() if k in ("i_d", "i_q", "theta_e")})
-    u = make_record(
-        pmsm.Input, {"omega_m": omega_m, **{k: v for k, v in values.items() if k in ("v_alpha", "v_beta", "blocked")}}
-    )
+    u = make_record(pmsm.Input, {"omega_m": omega_m, **{k: v for k, v in values.items() if k in ("v_alpha", "v_beta")}})
     return p, x, u, make_record(pmsm.Output)
 
 
@@ -117,20 +115,6 @@ def test_terminal_power_is_stored_energy_losses_and_shaft_power():
     assert y.p_s == pytest.approx(rate + pmsm.losses(x, p) + y.tau_e * 35.0, rel=1e-8)
 
 
-def test_blocked_gates_carry_no_current_and_the_rotor_turns_on():
-    p, x, u, y = machine(Pmsm(), i_q=5.0, theta_e=3.1, v_alpha=400.0, blocked=1.0)
-    n = SimpleNamespace()
-    pmsm.stamp.py_func(1e-5, x, u, p, n)
-    assert vars(n) == dict.fromkeys(("g_aa", "g_ab", "g_ba", "g_bb", "h_a", "h_b"), 0.0)
-    end = make_record(pmsm.State)
-    pmsm.advance(1e-3, x, u, p, end)
-    pmsm.limit(end, u)
-    assert (end.i_d, end.i_q) == (0.0, 0.0)
-    assert end.theta_e == pytest.approx(3.1 + 3.0 * OMEGA_N * 1e-3 - 2.0 * math.pi)
-    pmsm.outputs(x, u, p, y)
-    assert (y.i_alpha, y.i_beta, y.tau_e, y.p_s) == (0.0, 0.0, 0.0, 0.0)
-
-
 @loop
 def run_drive(steps, h, n_ref, v_dc, J, machine, current, speed, trace):
     """Motor, current control and speed control on a stiff bus, one inertia, no load; a row of `trace` each step."""
@@ -156,7 +140,7 @@ def run_drive(steps, h, n_ref, v_dc, J, machine, current, speed, trace):
         x_end.i_q = x.i_q + kappa * (x_mid.i_q - x.i_q)
         x_end.theta_e = x.theta_e + kappa * (x_mid.theta_e - x.theta_e)
         pmsm.advance(gh, x_end, u, p, x)
-        pmsm.limit(x, u)
+        pmsm.limit(x)
         pmsm.outputs(x, u, p, y)
         if J > 0.0:
             omega += h * y.tau_e / J

@@ -199,7 +199,7 @@ def test_without_a_ready_genset_nothing_is_connected():
 def test_gates_stay_blocked_until_the_pll_has_been_locked():
     sequence = Sequence(ready=1.0, v_q=0.3)
     assert sequence.run(1.0) == rectifier.SYNCHRONISING
-    assert (sequence.y.contacts, sequence.y.connected, sequence.y.enable) == (rectifier.GATES_OFF, 1.0, 0.0)
+    assert (sequence.y.contacts, sequence.y.connected, sequence.y.enable) == (rectifier.CLOSED, 1.0, 0.0)
     sequence.u.v_q = 0.0
     assert sequence.run(0.15) == rectifier.SYNCHRONISING
     assert sequence.run(0.1) == rectifier.CONNECTED
@@ -217,13 +217,28 @@ def test_load_is_taken_along_a_ramp_from_the_measured_voltage():
     assert (sequence.y.v_dc_ref, sequence.y.limit) == (750.0, 1.2)
 
 
-def test_a_dead_bus_is_refused_with_a_reason_until_it_is_charged():
+def test_a_dead_bus_is_charged_through_the_resistor_first():
     sequence = Sequence(ready=1.0, v_dc=580.0)  # 0.9 of 648 V is 583 V
-    assert sequence.run(1.0) == rectifier.OFF
-    assert sequence.x.refused == rectifier.NOT_CHARGED
+    assert sequence.run(1.0) == rectifier.PRECHARGING
+    assert (sequence.y.contacts, sequence.y.connected, sequence.y.enable) == (rectifier.RESISTOR, 1.0, 0.0)
     sequence.u.v_dc = 590.0
+    assert sequence.run(0.02) == rectifier.SYNCHRONISING
+    assert sequence.y.contacts == rectifier.CLOSED
     assert sequence.run(1.0) == rectifier.CONNECTED
     assert sequence.x.refused == 0.0
+
+
+def test_a_bus_that_does_not_charge_is_refused_until_the_genset_is_called_again():
+    sequence = Sequence(ready=1.0, v_dc=12.0)
+    assert sequence.run(11.0) == rectifier.OFF
+    assert sequence.x.refused == rectifier.NOT_CHARGED
+    sequence.u.v_dc = 590.0
+    assert sequence.run(1.0) == rectifier.OFF  # the standing command is not tried again
+    sequence.u.ready = 0.0
+    sequence.run(0.02)
+    assert sequence.x.refused == 0.0
+    sequence.u.ready = 1.0
+    assert sequence.run(1.0) == rectifier.CONNECTED
 
 
 def test_it_waits_with_its_load_until_the_others_can_take_it():

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from shipgrid.model import Terminal, component, kernel, param, signal
-from shipgrid.units import Ampere, Henry, Ohm, Ratio, Volt
+from shipgrid.units import Ampere, Henry, Ohm, RadianPerSecond, Ratio, Volt
 
 
 class BranchState:
@@ -108,3 +110,50 @@ def clock_update(t, x, u, x_next, y):
 @component(state=ClockState, input=ClockInput, output=ClockOutput, update=clock_update, stage="inner")
 class Sampler:
     """Samples a voltage."""
+
+
+class WaveOutput:
+    e_alpha: Volt = signal("alpha axis")
+    e_beta: Volt = signal("beta axis")
+
+
+@kernel
+def wave_outputs(t, p, y):
+    y.e_alpha = p.peak * np.cos(p.omega * t)
+    y.e_beta = p.peak * np.sin(p.omega * t)
+
+
+@component(output=WaveOutput, outputs=wave_outputs, stage="measure")
+class Wave:
+    """A balanced three-phase voltage, for the sources of branches: held over each step."""
+
+    peak: Volt = param("peak of a phase", above=0.0)
+    omega: RadianPerSecond = param("angular frequency", above=0.0)
+
+
+class GateOutput:
+    lo_a: Ratio = signal("least, leg a", initial=0.0)
+    hi_a: Ratio = signal("greatest, leg a", initial=1.0)
+    lo_b: Ratio = signal("least, leg b", initial=0.0)
+    hi_b: Ratio = signal("greatest, leg b", initial=1.0)
+    lo_c: Ratio = signal("least, leg c", initial=0.0)
+    hi_c: Ratio = signal("greatest, leg c", initial=1.0)
+    lead_a: Ratio = signal("lead, leg a")
+    lead_b: Ratio = signal("lead, leg b")
+    lead_c: Ratio = signal("lead, leg c")
+
+
+@component(output=GateOutput, stage="modulate")
+class Gates:
+    """Bounds of a bridge's legs as a test writes them; blocked to begin with."""
+
+
+class LegGateOutput:
+    lo: Ratio = signal("least", initial=0.0)
+    hi: Ratio = signal("greatest", initial=1.0)
+    lead: Ratio = signal("lead")
+
+
+@component(output=LegGateOutput, stage="modulate")
+class LegGates:
+    """Bounds of a leg as a test writes them; blocked to begin with."""

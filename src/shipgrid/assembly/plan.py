@@ -15,8 +15,8 @@ import numpy as np
 
 from shipgrid.assembly.layout import ONE, Layout, lay_out
 from shipgrid.errors import ParameterError, TopologyError
-from shipgrid.model.component import fields_of, type_of
-from shipgrid.model.network import AcBus, DcBus, Every, Network, Placed, Sampled
+from shipgrid.model.component import POSITION, fields_of, type_of
+from shipgrid.model.network import AcBus, DcBus, Every, Legs, Network, Placed, Sampled
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
@@ -60,6 +60,7 @@ class StepWork(NamedTuple):
     clock_before: np.ndarray  # fraction of the last step at which the clock's instant fell, or -1
     clock_ahead: np.ndarray  # the same for the coming step
     previous: np.ndarray  # the flat vector at the last step's start
+    lead: np.ndarray  # what a signal sampled inside the last step lies beside its chord; see `conduction.lead_samples`
     delays: np.ndarray
     rows: np.ndarray  # (2,) rows filled in each group
     value: np.ndarray
@@ -248,7 +249,7 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
 def new_workspace(plan: Plan) -> Workspace:
     """A workspace at time zero, everything at its declared initial value."""
     n, groups = plan.net.n_nodes, (len(plan.step.recorded), len(plan.step.slow))
-    states, ports = len(plan.net.state_signal), len(plan.net.port_plus)
+    states, ports, bridges = len(plan.net.state_signal), len(plan.net.port_plus), len(plan.net.bridge_port)
     sig = plan.layout.initial.copy()
     net = NetworkWork(
         values=np.concatenate([plan.net.linear_values, np.zeros(4 * len(plan.net.machine_w) + 1)]),
@@ -267,6 +268,18 @@ def new_workspace(plan: Plan) -> Workspace:
         v_start=np.zeros(n + 1),
         v_stage=np.zeros(n + 1),
         norton=np.zeros((len(plan.net.machine_w), 6)),
+        leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
+        leg_s=np.zeros(len(plan.net.leg_lo)),
+        bridge_i0=np.zeros((bridges, 2)),
+        bridge_mean=np.zeros((bridges, 5)),
+        constraint=np.zeros((bridges, 3)),
+        inverse=np.zeros((bridges, 4)),
+        target=np.zeros((bridges, 2)),
+        left=np.zeros((2, n + 1)),
+        right=np.zeros((bridges, 2, n + 1)),
+        clamp=np.zeros(len(plan.net.clamp_node), dtype=np.int64),
+        stage_share=np.zeros(2),
+        conduct=np.zeros(3, dtype=np.int64),
     )
     step = StepWork(
         due=np.zeros(len(plan.layout.types), dtype=np.int64),
@@ -274,6 +287,7 @@ def new_workspace(plan: Plan) -> Workspace:
         clock_before=np.full(len(plan.periods), -1.0),
         clock_ahead=np.ones(len(plan.periods)),  # an instant at time zero: every controller starts with a sample
         previous=sig.copy(),
+        lead=np.zeros(len(sig)),
         delays=np.zeros(max(1, plan.delay_cells)),
         rows=np.zeros(2, dtype=np.int64),
         value=np.zeros((CHUNK_ROWS, groups[0])),
@@ -399,6 +413,11 @@ def _gather_sources(layout: Layout) -> dict[str, np.ndarray]:
             for declared in fields_of(t.kind.input):
                 if declared.name in ends:
                     continue
+                if declared.name == POSITION:
+                    if placed.variant:
+                        to = layout.slots["u", f"{placed.path}.{POSITION}"]
+                        pairs.append((to, layout.place(placed.variant, placed.path)))
+                    continue
                 source = _source(layout, placed, declared.name, declared)
                 if not isinstance(source, float):
                     pairs.append((layout.slots["u", f"{placed.path}.{declared.name}"], source))
@@ -424,6 +443,9 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         )
 
     pairs = [(a, b) for _, _, p in elements + machines for a in nodes_of(p) for b in nodes_of(p)]
+    for legs in network.legs.values():  # a floating leg couples what meets its bridge's poles
+        around = [k for _, _, p in elements + machines if _at_poles(p, legs) for k in nodes_of(p)]
+        pairs += [(a, b) for a in around for b in around]
     order = elimination_order(len(names), pairs)
     rank = {old: new for new, old in enumerate(order)}
     names = [names[k] for k in order]
@@ -432,6 +454,7 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     later, neighbour = later_neighbours(n, [(rank[a], rank[b]) for a, b in pairs])
 
     port: dict[str, list[Any]] = {key: [] for key in ("plus", "minus", "c", "v", "i", "w", "first", "count", "factor")}
+    pole_port: dict[str, list[int]] = {}
     w_next = 0
 
     def add_ports(placed: Placed) -> None:
@@ -449,20 +472,27 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
             port["first"].append(first)
             port["count"].append(m)
             port["factor"].append(binding.weight)
+            if binding.coefficient:
+                pole_port.setdefault(binding.coefficient, []).append(first + r)
         w_next += m * m
 
     sparse = _Sparse()
     state_signal: list[int] = []
+    driven: list[tuple[int, int, float]] = []  # place of a state, port and rate, for every state that a port drives
     for _, _, placed in elements:
         kind = type_of(placed.item)
-        space = state_space(placed.item)
         states = names_of(kind.state)
         held = [(), *[tuple(states.index(s) for s in v) for v in kind.variants.values()]]
+        spaces = [state_space(placed.item, k) for k in range(len(held))]
+        space = spaces[0]
         sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
         selector = layout.place(placed.variant, placed.path) if placed.variant else None
-        blocks = [stage_matrices(space, gh, rows) for rows in held]
+        blocks = [stage_matrices(s, gh, rows) for s, rows in zip(spaces, held, strict=True)]
         sparse.add(blocks, len(state_signal), len(port["plus"]), sources, selector)
-        state_signal += [layout.slots["x", f"{placed.path}.{s}"] for s in states]
+        places = [layout.slots["x", f"{placed.path}.{s}"] for s in states]
+        state_signal += places
+        for r, c in zip(*np.nonzero(space.B[:, : len(kind.terminals)]), strict=True):
+            driven.append((places[r], len(port["plus"]) + int(c), float(space.B[r, c])))
         add_ports(placed)
     n_linear_ports = len(port["plus"])
     machine_w, machine_port = [], []
@@ -510,6 +540,7 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         port_w=integers(port["w"]),
         port_first=integers(port["first"]),
         port_count=integers(port["count"]),
+        port_weight=np.array(port["factor"], dtype=float),
         n_linear_terms=sum(1 for t in terms if t[1] < n_linear_ports),
         term_w=integers(t[0] for t in terms),
         term_j=integers(t[1] for t in terms),
@@ -523,7 +554,80 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         neighbour=neighbour,
         machine_w=integers(machine_w),
         machine_port=integers(machine_port),
+        **_bridges(network, layout, port, pole_port, number, n, driven),
     )
+
+
+def _at_poles(placed: Placed, legs: Legs) -> bool:
+    return any(binding.coefficient in legs.poles for binding in placed.ports.values())
+
+
+def _bridges(
+    network: Network,
+    layout: Layout,
+    port: dict[str, list[Any]],
+    pole_port: dict[str, list[int]],
+    number: dict[str, int],
+    n: int,
+    driven: list[tuple[int, int, float]],
+) -> dict[str, np.ndarray]:
+    """Fields of `NetworkPlan` that describe bridges and their legs."""
+    found: dict[str, list[Any]] = {key: [] for key in ("lo", "hi", "lead", "port", "node", "weight", "s", "meter")}
+    leg_first, related_first, related, touched_first, touched = [0], [0], [], [0], []
+    clamps: dict[int, float] = {}
+    lead: list[tuple[int, int, int, float]] = []
+    for b, legs in enumerate(network.legs.values()):
+        ports = [pole_port.get(pole, []) for pole in legs.poles]
+        if any(len(met) != 1 for met in ports):
+            how = "nothing" if not any(ports) else "more than one terminal"
+            raise TopologyError(f"{legs.path}: its poles feed {how}, expected one terminal")
+        poles = [met[0] for met in ports]
+        for phase in legs.phases:
+            for key in ("lo", "hi", "lead"):
+                found[key].append(layout.place(f"{legs.modulator}.{key}{phase}", legs.path))
+        leg_first.append(len(found["lo"]))
+        node = number[legs.bus.nodes[0]]
+        found["port"].append([*poles, -1][:2])
+        found["node"].append(node)
+        found["weight"].append(legs.weight)
+        places = [layout.index[pole] for pole in legs.poles]
+        found["s"].append([*places, places[0]][:2])
+        found["meter"].append(layout.index[f"{legs.path}.i_dc"])
+        firsts = sorted({port["first"][j] for j in poles})
+        related += [first + c for first in firsts for c in range(port["count"][first])]
+        nodes = {k for j in related[related_first[-1] :] for k in (port["plus"][j], port["minus"][j])}
+        touched += sorted(nodes | {node})
+        related_first.append(len(related))
+        touched_first.append(len(touched))
+        diode = network.placed[legs.path].item.R_d
+        clamps[node] = clamps.get(node, 0.0) + 0.5 * len(legs.phases) / diode
+        lead += [(place, b, poles.index(j), rate) for place, j, rate in driven if j in poles]
+    bridges = len(network.legs)
+
+    def integers(values: Any, *shape: int) -> np.ndarray:
+        return np.array(list(values), dtype=np.int64).reshape(*(shape or (-1,)))
+
+    return {
+        "leg_first": integers(leg_first),
+        "leg_lo": integers(found["lo"]),
+        "leg_hi": integers(found["hi"]),
+        "leg_lead": integers(found["lead"]),
+        "bridge_port": integers(found["port"], bridges, 2),
+        "bridge_node": integers(found["node"]),
+        "bridge_weight": np.array(found["weight"], dtype=float),
+        "bridge_s": integers(found["s"], bridges, 2),
+        "bridge_meter": integers(found["meter"]),
+        "related_first": integers(related_first),
+        "related": integers(related),
+        "touched_first": integers(touched_first),
+        "touched": integers(touched),
+        "clamp_node": integers(clamps),
+        "clamp_g": np.array(list(clamps.values()), dtype=float),
+        "lead_state": integers(k for k, *_ in lead),
+        "lead_bridge": integers(b for _, b, _, _ in lead),
+        "lead_axis": integers(axis for _, _, axis, _ in lead),
+        "lead_rate": np.array([rate for *_, rate in lead], dtype=float),
+    }
 
 
 class _Sparse:

@@ -30,7 +30,7 @@ from shipgrid.model.component import STAGES
 from shipgrid.model.kernel import argument_names, call_uncompiled
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
-from shipgrid.solvers import bookkeeping, nodal
+from shipgrid.solvers import bookkeeping, conduction, nodal
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 
 HASHED = ("model", "components", "controllers", "modulators", "equipment", "automation", "solvers", "assembly")
@@ -187,7 +187,7 @@ def weave(plan: Plan) -> str:
     lines = [
         '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
         "from shipgrid.model.kernel import entry_point, kernel",
-        "from shipgrid.solvers import nodal, bookkeeping",
+        "from shipgrid.solvers import bookkeeping, conduction, nodal",
         *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
         *functions,
         "",
@@ -279,7 +279,8 @@ def _gather_lines(key: str, at: str) -> list[str]:
             if at == "now"
             else [
                 f"    b = previous[{key}_measured[j, 1]]",
-                f"    sig[{key}_measured[j, 0]] = b + f * (sig[{key}_measured[j, 1]] - b)",
+                f"    a = sig[{key}_measured[j, 1]]",
+                f"    sig[{key}_measured[j, 0]] = b + f * (a - b) + lead[{key}_measured[j, 1]]",
             ]
         ),
     ]
@@ -353,7 +354,7 @@ def _network(
         return [f"{name}({_pass(t.kind.kernels['stamp'], t.kind.key, x=f'{t.kind.key}_b[i]')})"]
 
     def first(t: TypeLayout) -> list[str]:
-        return [*_copy(t.kind.key, "b", "x"), *stamp(t)]
+        return [*_copy(t.kind.key, "b", "a"), *stamp(t)]
 
     def second(t: TypeLayout) -> list[str]:
         key = t.kind.key
@@ -374,21 +375,42 @@ def _network(
         return lines or ["pass"]
 
     advances = machine_function("advance", advance)
-    history, copied, solved, advanced = (
-        _shared(nodal.element_history),
-        _shared(nodal.machine_history),
-        _shared(nodal.solve),
-        _shared(nodal.element_advance),
-    )
+
+    def stage(stamps: list[str]) -> list[str]:
+        return [
+            _shared(nodal.element_history),
+            *stamps,
+            _shared(nodal.machine_history),
+            _shared(nodal.nodal_equations),
+            _shared(conduction.constrain),
+            _shared(nodal.solve),
+            _shared(conduction.release),
+            _shared(nodal.element_advance),
+            *advances,
+        ]
+
+    once = [
+        _shared(conduction.begin_round),
+        _shared(nodal.linear_admittance),
+        *stage(machine_function("first_stamp", first)),
+        _shared(nodal.second_stage),
+        *stage(machine_function("second_stamp", second)),
+    ]
     return [
         _shared(bookkeeping.remember),
         _shared(nodal.begin_step),
+        _shared(conduction.set_legs),
         *machine_function("begin", begin),
-        *[history, *machine_function("first_stamp", first), copied, solved, advanced, *advances],
-        _shared(nodal.second_stage),
-        *[history, *machine_function("second_stamp", second), copied, solved, advanced, *advances],
+        "while True:",
+        *(f"    {line}" for line in once),
+        f"    if {_shared(conduction.settle_legs)}:",
+        "        break",
         *machine_function("finish", finish),
         f"bad = {_shared(nodal.finish_step)}",
+        f"if {_shared(conduction.unsettled)}:",
+        "    bad = n_nodes",
+        _shared(conduction.meter_bridges),
+        _shared(conduction.lead_samples),
     ]
 
 

@@ -2,9 +2,9 @@
 
     off -> pre-charge -> connect -> ramp in -> on -> unload -> off
 
-Off, the contactor is open. Pre-charge: on a bus below the battery's voltage, a resistor and the upper diode charge
-the bus first; on a live bus there is only the waiting time. Connect: the contactor closes, gates blocked. Ramp in:
-gates released, references move from the measured state to their commands. Unload: droop with its set point moved
+Off, the contactor is open. Pre-charge: it closes through its resistor, gates blocked, and the leg's upper diode charges
+a bus that is below the battery's voltage; on a live bus no current flows. Connect: the contactor closes. Ramp in: gates
+released, references move from the measured state to their commands. Unload: droop with its set point moved
 until the current is zero. Nothing here asks who else feeds the bus: if its voltage falls to `v_unload` while the
 battery is being unloaded, nobody carries the load, the battery takes it back, and the command is refused.
 """
@@ -14,14 +14,14 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from shipgrid.components.converters.buck_boost import BuckBoost, Precharge
+from shipgrid.components.converters.buck_boost import BuckBoost
 from shipgrid.components.sources.battery import Battery, internal_resistance, voltage_at_rest
 from shipgrid.controllers.battery_control import BatteryControl
-from shipgrid.equipment.declaration import Command, Published, equipment, reference, switch
-from shipgrid.equipment.wiring import add_modulator
+from shipgrid.equipment.declaration import Command, Published, as_in, equipment, reference, switch
+from shipgrid.equipment.wiring import add_leg
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Pole, Sampled
+from shipgrid.model.network import Every, Sampled
 from shipgrid.model.ops import absolute
 from shipgrid.units import (
     Ampere,
@@ -37,7 +37,6 @@ from shipgrid.units import (
     Second,
     Volt,
     VoltPerSecond,
-    Watt,
 )
 
 OFF, PRECHARGE, CONNECT, RAMP_IN, ON, UNLOAD = 0.0, 1.0, 2.0, 3.0, 4.0, 5.0
@@ -48,31 +47,7 @@ REFUSALS = {
     2: "no other source carries the bus: its voltage falls while this battery is unloaded",
 }
 DROOP = 1.0
-
-
-class MeterInput:
-    s: Ratio = signal("switching function in force")
-    i_l: Ampere = signal("choke current, from battery to bus")
-    i_p: Ampere = signal("pre-charge current, from battery to bus")
-    v_dc: Volt = signal("bus voltage")
-
-
-class MeterOutput:
-    i_b: Ampere = signal("battery current, positive discharging")
-    i_dc: Ampere = signal("current into the bus")
-    p_dc: Watt = signal("power into the bus")
-
-
-@kernel
-def meter_outputs(t, u: MeterInput, y: MeterOutput):
-    y.i_b = u.i_l + u.i_p  # the capacitor's share is 12 uF times the slope of the battery's voltage
-    y.i_dc = u.s * u.i_l + u.i_p
-    y.p_dc = u.v_dc * y.i_dc
-
-
-@component(input=MeterInput, output=MeterOutput, stage="measure", outputs=meter_outputs)
-class BessMeter:
-    """Meters on both sides of the converter."""
+CLOSED, OPEN, RESISTOR = 0.0, 1.0, 2.0  # positions of the contactor
 
 
 class State:
@@ -94,8 +69,7 @@ class Output:
     enable: Ratio = signal("1 while the gates are released")
     unload: Ratio = signal("1 while the control brings the current to zero")
     mode: Ratio = signal("mode for the control")
-    blocked: Ratio = signal("contact of the choke: 0 conducting, 1 blocked or open", initial=1.0)
-    precharge_open: Ratio = signal("contact of the pre-charge resistor: 0 closed, 1 open", initial=1.0)
+    position: Ratio = signal("position of the contactor: 0 closed, 1 open, 2 through the resistor", initial=OPEN)
 
 
 @kernel
@@ -105,7 +79,6 @@ def update(t, dt, x: State, u: Input, p: BessSequence, x_next: State, y: Output)
     refused = x.refused.real
     if refused == (LAST_SOURCE if wanted else NOT_CHARGED):
         refused = 0.0  # the command that had been refused stands no more
-    below = u.v_dc.real < u.v_b.real
     now = state
     if state == OFF:
         if wanted and refused != NOT_CHARGED:
@@ -139,10 +112,9 @@ def update(t, dt, x: State, u: Input, p: BessSequence, x_next: State, y: Output)
     x_next.elapsed = x.elapsed + dt if now == state else 0.0 * x.elapsed
     x_next.refused = refused
     y.enable = 1.0 if now >= RAMP_IN else 0.0
-    y.blocked = 1.0 - y.enable
+    y.position = OPEN if now == OFF else (RESISTOR if now == PRECHARGE else CLOSED)
     y.unload = 1.0 if now == UNLOAD else 0.0
     y.mode = DROOP if now == UNLOAD else u.mode_ref
-    y.precharge_open = 0.0 if now == PRECHARGE and below else 1.0
 
 
 @component(state=State, input=Input, output=Output, stage="supervise", update=update)
@@ -162,12 +134,6 @@ class BessSequence:
     v_unload: Volt = param(
         "bus voltage at which unloading is given up", default=712.5, above=0.0, source="0.95 of 750 V: the full droop"
     )
-
-
-def as_in(cls: type, name: str) -> Any:
-    """Parameter `name` of a component, declared once there, as a key of the equipment."""
-    field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
-    return dataclasses.field(default=field.default, metadata=field.metadata)
 
 
 def parameters_for(cls: type, item: Any, **others: float) -> Any:
@@ -224,7 +190,7 @@ class Bess:
     L: Henry = as_in(BuckBoost, "L")
     R: Ohm = as_in(BuckBoost, "R")
     C: Farad = as_in(BuckBoost, "C")
-    R_p: Ohm = as_in(Precharge, "R_p")
+    R_p: Ohm = as_in(BuckBoost, "R_p")
 
     f_c: Hertz = as_in(BatteryControl, "f_c")
     i_n: Ampere = as_in(BatteryControl, "i_n")
@@ -266,40 +232,25 @@ class Bess:
         battery = parameters_for(Battery, self)
         R_b = internal_resistance(battery)
         v_dc = f"{self.bus}.v_dc"
-        path = {part: f"{name}.{part}" for part in ("battery", "converter", "precharge", "modulator", "control")}
-        sequence, meter = f"{name}.sequence", f"{name}.meter"
+        path = {part: f"{name}.{part}" for part in ("battery", "converter", "control")}
+        sequence, i_b = f"{name}.sequence", f"{name}.converter.i_l"
 
         net.add(
             path["battery"],
             battery,
-            inputs={"i": f"{meter}.i_b"},
+            inputs={"i": i_b},  # the capacitor's share is 12 uF times the slope of the battery's voltage
             initial={"q": (1.0 - self.soc_0) * self.capacity},
             clock=Every(1e-3),
         )
+        clock = Sampled(self.f_sw)
+        leg = add_leg(net, name, bus, control=path["control"], gates=f"{sequence}.enable", clock=clock)
         net.add(
             path["converter"],
             parameters_for(BuckBoost, self, R_b=R_b),
-            ports={"leg": Pole(bus, s=f"{path['modulator']}.s")},
+            ports={"leg": leg},
             inputs={"e": f"{path['battery']}.e"},
             initial={"v_c": voltage_at_rest(battery, self.soc_0)},
-            variant=f"{sequence}.blocked",
-        )
-        net.add(
-            path["precharge"],
-            parameters_for(Precharge, self, R_b=R_b),
-            ports={"bus": bus},
-            inputs={"e": f"{path['battery']}.e"},
-            variant=f"{sequence}.precharge_open",
-        )
-        net.add(
-            meter,
-            BessMeter(),
-            inputs={
-                "s": f"{path['modulator']}.s",
-                "i_l": f"{path['converter']}.i_l",
-                "i_p": f"{path['precharge']}.i_p",
-                "v_dc": v_dc,
-            },
+            variant=f"{sequence}.position",
         )
         net.add(
             sequence,
@@ -309,7 +260,7 @@ class Bess:
                 "mode_ref": net.command(f"{name}.mode"),
                 "v_dc": v_dc,
                 "v_b": f"{path['converter']}.v_c",
-                "i_b": f"{meter}.i_b",
+                "i_b": i_b,
                 "ramping": f"{path['control']}.ramping",
             },
             clock=Every(10e-3),
@@ -328,16 +279,15 @@ class Bess:
                 "v_dc_ref": net.command(f"{name}.v_dc_ref"),
                 "i_ref": net.command(f"{name}.i_ref"),
             },
-            clock=Sampled(self.f_sw),
+            clock=clock,
         )
-        add_modulator(net, path["modulator"], kind="leg", source=path["control"], clock=Sampled(self.f_sw))
 
         sources = {
-            "i_b": f"{meter}.i_b",
+            "i_b": i_b,
             "v_b": f"{path['converter']}.v_c",
             "soc": f"{path['battery']}.soc",
-            "p_dc": f"{meter}.p_dc",
-            "i_dc": f"{meter}.i_dc",
+            "p_dc": f"{name}.leg.p_fed",
+            "i_dc": f"{name}.leg.i_fed",
             "mode": f"{path['control']}.mode",
         }
         for public in type(self).__equipment__.signals:  # type: ignore[attr-defined]

@@ -136,3 +136,9 @@ def equipment(
 def is_quantity(hint: Any) -> bool:
     """Whether a field's annotation is a quantity with a unit."""
     return unit_of(hint) is not None
+
+
+def as_in(cls: type, name: str) -> Any:
+    """Parameter `name` of a component, declared once there, as a key of the equipment."""
+    field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
+    return dataclasses.field(default=field.default, metadata=field.metadata)

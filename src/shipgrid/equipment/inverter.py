@@ -15,9 +15,9 @@ from typing import Any
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
-from shipgrid.equipment.wiring import add_modulator
+from shipgrid.equipment.wiring import add_bridge
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Pole3, Sampled
+from shipgrid.model.network import Every, Network, Sampled
 from shipgrid.model.ops import absolute, clip, hypot
 from shipgrid.units import (
     Ampere,
@@ -67,7 +67,7 @@ class SequenceOutput:
     code: Ratio = signal("state of the sequence")
     refused: Ratio = signal("reason why it does not start, 0: none")
     enable: Ratio = signal("1: gates work")
-    position: Ratio = signal("contact position of the filter: 0 closed, 2 open")
+    position: Ratio = signal("contact position of the filter: 0 closed, 1 open", initial=1.0)
     on: Ratio = signal("1: on, at its voltage")
 
 
@@ -118,7 +118,7 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
     running = x_next.state != OFF
     y.code = x_next.state
     y.enable = 1.0 if running else 0.0
-    y.position = 0.0 if running else 2.0
+    y.position = 0.0 if running else 1.0
     y.on = 1.0 if x_next.state == ON else 0.0
 
 
@@ -149,11 +149,6 @@ class MeterInput:
     v_beta: Volt = signal("bar voltage, beta axis")
     i_2_alpha: Ampere = signal("current into the bar, alpha axis")
     i_2_beta: Ampere = signal("current into the bar, beta axis")
-    v_dc: Volt = signal("DC bus voltage")
-    s_alpha: Ratio = signal("switching function, alpha axis")
-    s_beta: Ratio = signal("switching function, beta axis")
-    i_1_alpha: Ampere = signal("converter current, alpha axis")
-    i_1_beta: Ampere = signal("converter current, beta axis")
 
 
 class MeterOutput:
@@ -161,14 +156,12 @@ class MeterOutput:
 
     p_ac: Watt = signal("power into the bar")
     q_ac: Var = signal("reactive power into the bar")
-    p_dc: Watt = signal("power from the DC bus")
 
 
 @kernel
 def meter_outputs(t, u: MeterInput, y: MeterOutput):
     y.p_ac = 1.5 * (u.v_alpha * u.i_2_alpha + u.v_beta * u.i_2_beta)
     y.q_ac = 1.5 * (u.v_beta * u.i_2_alpha - u.v_alpha * u.i_2_beta)
-    y.p_dc = 1.5 * u.v_dc * (u.s_alpha * u.i_1_alpha + u.s_beta * u.i_1_beta)
 
 
 @component(input=MeterInput, output=MeterOutput, outputs=meter_outputs, stage="measure")
@@ -219,8 +212,9 @@ class Inverter:
             chosen.control, S_n=self.rating, v_n=grid.v_n, f_n=grid.f_n, L_1=chosen.L_1, C=self.C
         )
         net.capacitance(bus, self.C_dc)
-        s = {axis: f"{name}.modulator.s_{axis}" for axis in ("alpha", "beta")}
-        bridge = Pole3(bus, s_alpha=s["alpha"], s_beta=s["beta"])
+        clock = Sampled(self.f_sw)
+        enable = f"{name}.sequence.enable"
+        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock)
         net.add_three_phase(
             f"{name}.filter", lcl, ports={"converter": bridge, "grid": grid}, variant=f"{name}.sequence.position"
         )
@@ -236,11 +230,10 @@ class Inverter:
             inputs=filter_state("v_c", "v_c")
             | filter_state("i_1", "i_1")
             | filter_state("i_g", "i_2")
-            | {"v_dc": bus.nodes[0], "enable": f"{name}.sequence.enable"}
+            | {"v_dc": bus.nodes[0], "enable": enable}
             | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"},
-            clock=Sampled(self.f_sw),
+            clock=clock,
         )
-        add_modulator(net, f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(self.f_sw))
         net.add(
             f"{name}.sequence",
             InverterSequence(v_n=grid.v_n),
@@ -252,12 +245,9 @@ class Inverter:
         net.add(
             f"{name}.meter",
             InverterMeter(),
-            inputs=v_bar
-            | filter_state("i_2", "i_2")
-            | filter_state("i_1", "i_1")
-            | {"v_dc": bus.nodes[0], "s_alpha": s["alpha"], "s_beta": s["beta"]},
+            inputs=v_bar | filter_state("i_2", "i_2"),
         )
-        sources = {"p_ac": "meter", "q_ac": "meter", "p_dc": "meter", "f": "control", "on": "sequence"}
+        sources = {"p_ac": "meter", "q_ac": "meter", "p_dc": "bridge", "f": "control", "on": "sequence"}
         for signal_ in Inverter.__equipment__.signals:  # type: ignore[attr-defined]
             source = f"{name}.{sources[signal_.name]}.{signal_.name}"
             net.publish(f"{name}.{signal_.name}", source=source, unit=signal_.unit, description=signal_.description)

@@ -6,8 +6,8 @@ off: the drive stays on and holds the ship. Switching on is refused while the bu
 reduced), and a bus below `v_trip` blocks the gates at once; the drive comes back by itself when the bus has recovered
 and the command still stands.
 
-Off in a moving ship, the screw turns freely in the stream. Its back-emf stays below the bus voltage, so that it feeds
-nothing.
+Off in a moving ship, the screw turns freely in the stream. While its back-emf stays below the bus voltage (up to
+635 V line-to-line peak at rated speed) no diode conducts and it feeds nothing.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.ship_speed import ShipSpeed
 from shipgrid.equipment.declaration import Command, Published, block, choice, equipment, reference, switch
 from shipgrid.equipment.hull import T_MARINE
+from shipgrid.equipment.wiring import add_bridge
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Pole3
+from shipgrid.model.network import Every, Network
 from shipgrid.model.ops import clip
 from shipgrid.units import Farad, KilogramMetre2, Ohm, RadianPerSecond, Ratio, Second, Volt, Watt, rpm
 
@@ -208,8 +209,8 @@ class Propulsion:
         net.add_three_phase(
             f"{name}.motor",
             motor,
-            ports={"stator": Pole3(bus, s_alpha=f"{name}.drive.s_alpha", s_beta=f"{name}.drive.s_beta")},
-            inputs={"omega_m": omega_m, "blocked": blocked},
+            ports={"stator": add_bridge(net, name, bus, control=f"{name}.drive", gates=enabled, clock=None)},
+            inputs={"omega_m": omega_m},
         )
         facing = 0.0 if self.ends == "mirrored" else (1.0 if self.faces == "aft" else -1.0)
         net.add(
@@ -230,7 +231,7 @@ class Propulsion:
             (f"{name}.omega_m", omega_m, "rad/s", "shaft speed", drive),
             (f"{name}.tau_e", f"{name}.motor.tau_e", "N m", "air-gap torque of the motor", drive),
             (f"{name}.i_q", f"{name}.motor.i_q", "A", "quadrature-axis current of the motor (peak)", drive),
-            (f"{name}.p_dc", f"{name}.motor.p_s", "W", "power the drive takes from the DC bus", drive),
+            (f"{name}.p_dc", f"{name}.bridge.p_dc", "W", "power the drive takes from the DC bus", drive),
             (f"{self.propeller}.thrust", f"{name}.propeller.thrust", "N", "thrust of the screw, positive ahead", screw),
             (f"{self.propeller}.tau", f"{name}.propeller.tau", "N m", "torque the screw takes from the shaft", screw),
             (f"{self.propeller}.J_adv", f"{name}.propeller.J_adv", "1", "advance ratio of the screw", ratio),

@@ -1,17 +1,17 @@
 """Active rectifier of a diesel genset: LCL filter, two-level bridge, control, and how it takes and sheds load.
 
-    off -> synchronising -> connected -> (waiting ->) unloading -> blocked -> off
+    off -> (pre-charging ->) synchronising -> connected -> (waiting ->) unloading -> blocked -> off
 
-Off, the contactor on the generator's side is open. When the genset is ready it closes, gates blocked, and energises the
-filter; the PLL locks; the gates switch without making current; then the bound on both current references opens
-along a ramp, and the voltage reference goes from the measured bus voltage to its command. Told to unload, it waits
-until its DC power is one that the other sources can take over, and closes the bound along the same ramp. If the bus
-falls below `v_release` meanwhile, nobody takes over: it carries on and tries again later. Nothing here knows who
-else feeds the bus; the bus voltage tells.
+Off, the contactor on the generator's side is open. When the genset is ready and the DC bus is below nine tenths of
+what the diodes give, it closes through its resistor, gates blocked, and the diodes charge the bus. A bus that does not
+come up is loaded or short-circuited: it opens, and is refused until the genset is called again. On a charged bus it
+closes directly and energises the filter; the PLL locks; the gates switch without making current; then the bound on
+both current references opens along a ramp, and the voltage reference goes from the measured bus voltage to its
+command. Told to unload, it waits until its DC power is one that the other sources can take over, and closes the bound
+along the same ramp. If the bus falls below `v_release` meanwhile, nobody takes over: it carries on and tries again
+later. Nothing here knows who else feeds the bus; the bus voltage tells.
 
-Pre-charge through the diodes needs blocked legs that conduct, which the averaged bridge does not have: the DC bus must
-have at least nine tenths of the diodes' voltage by other means, otherwise connecting is refused; and a connected
-rectifier that loses it opens.
+A connected rectifier whose bus falls below that voltage opens, and begins anew.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from typing import Any
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.rectifier_control import RectifierControl
-from shipgrid.equipment.declaration import Command, Published, block, choice, equipment, reference
-from shipgrid.equipment.wiring import add_modulator
+from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference
+from shipgrid.equipment.wiring import add_bridge
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Pole3, Sampled
+from shipgrid.model.network import Every, Sampled
 from shipgrid.model.ops import absolute, hypot, maximum, minimum
-from shipgrid.units import Farad, Hertz, PerUnit, PerUnitPerSecond, Ratio, Second, Volt, VoltPerSecond, Watt
+from shipgrid.units import Farad, Hertz, Ohm, PerUnit, PerUnitPerSecond, Ratio, Second, Volt, VoltPerSecond, Watt
 
 L_1_PAPER = 1.29
 L_1_PRESETS = {"paper": L_1_PAPER, "phase_voltage_rule": 0.742, "compact": 0.129}
 """Converter-side inductance [pu of the rectifier's own rating]: as printed; by the sizing rule it follows,
 L_1 = V_dc / (6 f_sw dI), with the phase voltage where the printed value has the line-to-line one; a tenth of it."""
 
-OFF, SYNCHRONISING, CONNECTED, WAITING, UNLOADING, BLOCKED = range(6)
+OFF, SYNCHRONISING, CONNECTED, WAITING, UNLOADING, BLOCKED, PRECHARGING = range(7)
 STATES = {
     OFF: "off",
     SYNCHRONISING: "synchronising",
@@ -44,10 +44,11 @@ STATES = {
     WAITING: "waiting: the other sources cannot take over its load yet",
     UNLOADING: "unloading",
     BLOCKED: "blocked",
+    PRECHARGING: "pre-charging the DC bus",
 }
 NOT_CHARGED = 1
-REFUSALS = {NOT_CHARGED: "the DC bus is below 0.9 of the diode voltage and cannot be charged through this rectifier"}
-CLOSED, GATES_OFF, OPEN = 0.0, 1.0, 2.0  # positions of the filter's contacts
+REFUSALS = {NOT_CHARGED: "the DC bus does not charge: it is loaded or short-circuited"}
+CLOSED, OPEN, RESISTOR = 0.0, 1.0, 2.0  # positions of the contactor
 SEQUENCE_PERIOD = 10e-3
 """Clock of the sequence [s]: a switchboard's relay logic."""
 DIODES = 3.0 * math.sqrt(2.0) / math.pi
@@ -77,7 +78,7 @@ class Input:
 
 
 class Output:
-    contacts: Ratio = signal("position of the filter's contacts: 0 closed, 1 gates off, 2 open", initial=OPEN)
+    contacts: Ratio = signal("position of the contactor: 0 closed, 1 open, 2 through the resistor", initial=OPEN)
     connected: Ratio = signal("1 while the contactor is closed")
     enable: Ratio = signal("1 while the gates switch")
     limit: PerUnit = signal("bound on the current references")
@@ -91,13 +92,24 @@ def update(t, dt, x: State, u: Input, p: RectifierSequence, x_next: State, y: Ou
     small = u.p_dc.real < p.release_power.real
     state = was = int(x.state.real)
     timer = 0.0
-    refused = 0
+    refused = int(x.refused.real) if fed and not stop else 0
 
-    if not (fed and charged):
+    if not fed:
         state = OFF
-        refused = NOT_CHARGED if fed and not stop else 0
     elif was == OFF:
-        state = OFF if stop else SYNCHRONISING
+        if not stop and refused == 0:
+            state = SYNCHRONISING if charged else PRECHARGING
+    elif was == PRECHARGING:
+        timer = x.timer.real + dt
+        if stop:
+            state = OFF
+        elif charged and timer >= p.t_contact.real:
+            state = SYNCHRONISING
+        elif timer >= p.t_charge.real:
+            state = OFF
+            refused = NOT_CHARGED
+    elif not charged:
+        state = OFF
     elif was == SYNCHRONISING:
         locked = u.v_d.real > p.v_locked.real and absolute(u.v_q).real < p.v_q_locked.real
         timer = x.timer.real + dt if locked else 0.0
@@ -138,7 +150,7 @@ def update(t, dt, x: State, u: Input, p: RectifierSequence, x_next: State, y: Ou
     x_next.state = float(state)
     x_next.refused = float(refused)
     x_next.timer = timer if state == was else (-p.t_retry.real if was == UNLOADING and state == WAITING else 0.0)
-    y.contacts = CLOSED if gates else (OPEN if state == OFF else GATES_OFF)
+    y.contacts = OPEN if state == OFF else (RESISTOR if state == PRECHARGING else CLOSED)
     y.connected = 0.0 if state == OFF else 1.0
     y.enable = 1.0 if gates else 0.0
     y.limit = x_next.limit
@@ -151,11 +163,12 @@ class RectifierSequence:
 
     v_n: Volt = param("nominal AC voltage, line to line", default=480.0, above=0.0, source="[DAgostino2020] table A1")
     charged: Ratio = param(
-        "DC voltage over the diodes' below which it does not connect",
+        "DC voltage over the diodes' up to which it is pre-charged",
         default=0.9,
         above=0.0,
         source="usual end of a pre-charge",
     )
+    t_charge: Second = param("longest pre-charge", default=10.0, above=0.0, source="typical: tens of time constants")
     v_locked: PerUnit = param("capacitor voltage at which the PLL may lock", default=0.8, above=0.0, source="typical")
     v_q_locked: PerUnit = param(
         "capacitor voltage across the d axis taken as locked", default=0.02, above=0.0, source="typical: 1 degree"
@@ -245,6 +258,7 @@ class Rectifier:
     )
     R_1: PerUnit = param("resistance of the converter-side choke", default=0.005, at_least=0.0, source="typical")
     R_2: PerUnit = param("resistance of the transformer", default=0.005, at_least=0.0, source="typical")
+    R_p: Ohm = as_in(LclFilter, "R_p")
     damping: Ratio = param(
         "damping resistance over the capacitor's reactance at resonance",
         default=1.0 / 3.0,
@@ -276,7 +290,7 @@ class Rectifier:
         bus, terminals = ship.bus(self.bus), net.bus(f"{self.source}.terminals")
         L_1 = L_1_PRESETS.get(self.lcl_preset, self.L_1)
         lcl = LclFilter.per_unit(
-            self.rating, terminals.v_n, terminals.f_n, L_1, self.C, self.L_2, self.R_1, self.R_2, self.damping
+            self.rating, terminals.v_n, terminals.f_n, L_1, self.C, self.L_2, self.R_1, self.R_2, self.damping, self.R_p
         )
         control = dataclasses.replace(
             self.control,
@@ -292,14 +306,16 @@ class Rectifier:
         )
         net.capacitance(bus, self.C_dc)
 
-        s = {axis: f"{name}.modulator.s_{axis}" for axis in ("alpha", "beta")}
-        i_1 = {f"i_1_{axis}": f"{name}.lcl.{axis}.i_1" for axis in s}
-        v_c = {f"v_c_{axis}": f"{name}.lcl.{axis}.v_c" for axis in s}
+        i_1 = {f"i_1_{axis}": f"{name}.lcl.{axis}.i_1" for axis in ("alpha", "beta")}
+        v_c = {f"v_c_{axis}": f"{name}.lcl.{axis}.v_c" for axis in ("alpha", "beta")}
+        clock = Sampled(2.0 * self.f_sw)
+        enable = f"{name}.sequence.enable"
+        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock)
         (v_dc,) = bus.nodes
         net.add_three_phase(
             f"{name}.lcl",
             lcl,
-            ports={"converter": Pole3(bus, s_alpha=s["alpha"], s_beta=s["beta"]), "grid": terminals},
+            ports={"converter": bridge, "grid": terminals},
             variant=f"{name}.sequence.contacts",
         )
         net.add(
@@ -311,12 +327,11 @@ class Rectifier:
                 "v_dc": v_dc,
                 "v_dc_ref": f"{name}.sequence.v_dc_ref",
                 "mode": net.command(f"{name}.mode"),
-                "enable": f"{name}.sequence.enable",
+                "enable": enable,
                 "limit": f"{name}.sequence.limit",
             },
-            clock=Sampled(2.0 * self.f_sw),
+            clock=clock,
         )
-        add_modulator(net, f"{name}.modulator", kind="bridge", source=f"{name}.control", clock=Sampled(2.0 * self.f_sw))
         measured = ("p_dc", "v_d", "v_q", "i_d", "i_q", "i_d_ref", "i_q_ref")
         net.add(
             f"{name}.sequence",
@@ -331,10 +346,11 @@ class Rectifier:
             clock=Every(SEQUENCE_PERIOD),
         )
 
+        sources = {"p_dc": "bridge.p_fed", "i_dc": "bridge.i_fed", "modulation": "control.modulation"}
         for public in type(self).__equipment__.signals:  # type: ignore[attr-defined]
             net.publish(
                 f"{name}.{public.name}",
-                source=f"{name}.control.{public.name}",
+                source=f"{name}.{sources[public.name]}",
                 unit=public.unit,
                 description=public.description,
                 group=public.group,

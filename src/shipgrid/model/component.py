@@ -203,6 +203,9 @@ Declared = TypeVar("Declared")
 
 REGISTRY: dict[str, ComponentType] = {}
 
+POSITION = "position"
+"""Name of the input by which the equations of a linear element depend on the position of its contacts."""
+
 KERNELS = (
     "derivatives",
     "outputs",
@@ -248,7 +251,8 @@ def component(
     terminals : tuple of Terminal
         Makes it a network element: linear if it has no `stamp`, else with its own Norton equivalent.
     variants : mapping of str to tuple of str
-        For a linear element: named states of its contacts, each the tuple of states that are held at zero.
+        For a linear element: named positions of its contacts, each the tuple of states that are held at zero. An input
+        field `position` is the number of the position in force (0: closed, then in the order of `variants`).
     passive : bool
         Its losses are never negative (contract test).
     **kernels

@@ -89,6 +89,18 @@ class Pole3:
 
 
 @dataclass(frozen=True)
+class Legs:
+    """The legs of one bridge on a DC bus, and the modulator that drives their gates."""
+
+    path: str
+    bus: DcBus
+    modulator: str
+    phases: tuple[str, ...]  # suffixes of the modulator's `lo`, `hi` and `lead`
+    poles: tuple[str, ...]  # paths of the switching functions of its poles: alpha and beta, or one
+    weight: float
+
+
+@dataclass(frozen=True)
 class PortBinding:
     """Where one scalar terminal meets the nodes: v = c (v_plus - v_minus); the nodes see weight c i."""
 
@@ -149,6 +161,7 @@ class Network:
     conductances: dict[str, float] = field(default_factory=dict, init=False)
     shunts: list[tuple[str, float, str, str]] = field(default_factory=list, init=False)
     placed: dict[str, Placed] = field(default_factory=dict, init=False)
+    legs: dict[str, Legs] = field(default_factory=dict, init=False)
     commands: dict[str, float] = field(default_factory=dict, init=False)
     published: dict[str, PublicSignal] = field(default_factory=dict, init=False)
     watched: list[Watched] = field(default_factory=list, init=False)
@@ -282,6 +295,47 @@ class Network:
                 variant=variant,
                 axis_weight=1.5,
             )
+
+    def bridge(self, path: str, bridge: Any, bus: DcBus, *, modulator: str) -> Pole3:
+        """Place a three-phase bridge; what it returns is what a three-phase terminal connects to.
+
+        Parameters
+        ----------
+        path : str
+            Its name.
+        bridge : component instance
+            Its parameters: a component with the outputs of `components/converters/two_level_bridge.py`.
+        bus : DcBus
+        modulator : str
+            Path of the component with the outputs `lo_a`, `hi_a`, `lead_a` ... of the three legs.
+
+        Returns
+        -------
+        Pole3
+            For exactly one terminal, without delay in either direction.
+        """
+        self.add(path, bridge)
+        poles = (f"{path}.s_alpha", f"{path}.s_beta")
+        self.legs[path] = Legs(path, bus, modulator, ("_a", "_b", "_c"), poles, 1.5)
+        return Pole3(bus, *poles)
+
+    def half_bridge(self, path: str, leg: Any, bus: DcBus, *, modulator: str) -> Pole:
+        """Place a half-bridge leg; what it returns is what a single-phase terminal connects to.
+
+        Parameters
+        ----------
+        path, leg, bus
+            As for `bridge`.
+        modulator : str
+            Path of the component with the outputs `lo`, `hi` and `lead`.
+
+        Returns
+        -------
+        Pole
+        """
+        self.add(path, leg)
+        self.legs[path] = Legs(path, bus, modulator, ("",), (f"{path}.s",), 1.0)
+        return Pole(bus, f"{path}.s")
 
     def command(self, path: str, value: float = 0.0) -> str:
         """Path of the signal of a command, declared with its value at the start."""

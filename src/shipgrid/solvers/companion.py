@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from shipgrid.errors import ParameterError
-from shipgrid.model.component import type_of
+from shipgrid.model.component import POSITION, type_of
 from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 
@@ -46,13 +46,15 @@ class StateSpace:
     sources: tuple[str, ...]
 
 
-def state_space(item: Any) -> StateSpace:
+def state_space(item: Any, position: int = 0) -> StateSpace:
     """Read a linear component's matrices off its kernels, one unit vector at a time.
 
     Parameters
     ----------
     item : component instance
         A component with terminals and without a stamp.
+    position : int
+        Position of its contacts, for kernels that have it as their input `position`.
 
     Returns
     -------
@@ -66,7 +68,8 @@ def state_space(item: Any) -> StateSpace:
     kind = type_of(item)
     p, _ = parameter_record(item)
     ends = [terminal.v for terminal in kind.terminals]
-    sources = tuple(name for name in names_of(kind.input) if name not in ends)
+    sources = tuple(name for name in names_of(kind.input) if name not in ends and name != POSITION)
+    fixed = {POSITION: float(position)} if POSITION in names_of(kind.input) else {}
     inputs = [*ends, *sources]
     currents = [terminal.i for terminal in kind.terminals]
     if sorted(names_of(kind.output)) != sorted(currents):
@@ -75,7 +78,7 @@ def state_space(item: Any) -> StateSpace:
 
     def evaluate(x_values: dict[str, float], u_values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         x = make_record(kind.state, dict.fromkeys(states, 0.0) | x_values)
-        u = make_record(kind.input, dict.fromkeys(inputs, 0.0) | u_values)
+        u = make_record(kind.input, dict.fromkeys(inputs, 0.0) | u_values | fixed)
         dx, y = make_record(kind.state), make_record(kind.output)
         rate = np.zeros(0)
         if states:
@@ -114,7 +117,7 @@ def stage_matrices(
     gh : float
         Length of the step [s].
     held : tuple of int
-        States that are held at zero (open contacts, blocked gates).
+        States that are held at zero (open contacts).
 
     Returns
     -------

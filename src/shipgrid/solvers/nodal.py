@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from shipgrid.model import kernel
-from shipgrid.solvers.companion import KAPPA
+from shipgrid.solvers.companion import GAMMA, KAPPA
 
 
 class NetworkPlan(NamedTuple):
@@ -63,6 +63,7 @@ class NetworkPlan(NamedTuple):
     port_w: np.ndarray  # first entry of the port's row of W
     port_first: np.ndarray  # first port of the element the port belongs to
     port_count: np.ndarray  # number of ports of that element
+    port_weight: np.ndarray  # 3/2 for one axis of a bridge's poles
     # scatter lists of (nodal-1): linear elements' terms first, then machines'
     n_linear_terms: int
     term_w: np.ndarray
@@ -78,6 +79,26 @@ class NetworkPlan(NamedTuple):
     neighbour: np.ndarray
     machine_w: np.ndarray  # (machines,) where each machine's W starts
     machine_port: np.ndarray  # (machines,) its first port
+    # bridges and legs; see `solvers/conduction.py`
+    leg_first: np.ndarray  # (bridges + 1,) first leg of each bridge
+    leg_lo: np.ndarray  # (legs,) places of the bounds and of the lead that its modulator gives
+    leg_hi: np.ndarray
+    leg_lead: np.ndarray
+    bridge_port: np.ndarray  # (bridges, 2) ports of its poles: alpha and beta, or one and -1
+    bridge_node: np.ndarray  # (bridges,) its DC node
+    bridge_weight: np.ndarray  # (bridges,) 3/2 or 1
+    bridge_s: np.ndarray  # (bridges, 2) places of its switching functions
+    bridge_meter: np.ndarray  # (bridges,) place of the first of its meters
+    related_first: np.ndarray  # (bridges + 1,) ports of the elements at its poles
+    related: np.ndarray
+    touched_first: np.ndarray  # (bridges + 1,) nodes of those ports
+    touched: np.ndarray
+    clamp_node: np.ndarray  # (DC buses with bridges,) and the conductance of all their diodes
+    clamp_g: np.ndarray
+    lead_state: np.ndarray  # (states that a pole drives directly,) place, bridge, axis, d(dx/dt)/d(pole voltage)
+    lead_bridge: np.ndarray
+    lead_axis: np.ndarray
+    lead_rate: np.ndarray
 
 
 class NetworkWork(NamedTuple):
@@ -103,6 +124,19 @@ class NetworkWork(NamedTuple):
     v_start: np.ndarray  # at the step's start
     v_stage: np.ndarray  # where the stage starts
     norton: np.ndarray  # (machines, 6)
+    # bridges and legs
+    leg_state: np.ndarray  # (legs,) driven, at its lower or upper bound, floating
+    leg_s: np.ndarray  # (legs,) switching function in force
+    bridge_i0: np.ndarray  # (bridges, 2) currents of the poles at the step's start
+    bridge_mean: np.ndarray  # (bridges, 5) see `conduction.release`
+    constraint: np.ndarray  # (bridges, 3) number of constrained directions, and the direction if it is one
+    inverse: np.ndarray  # (bridges, 4) G^-1 of (conduction-3)
+    target: np.ndarray  # (bridges, 2) t
+    left: np.ndarray  # (2, nodes + 1) L
+    right: np.ndarray  # (bridges, 2, nodes + 1) R
+    clamp: np.ndarray  # (DC buses with bridges,) 1 while their voltage is reversed
+    stage_share: np.ndarray  # (2,) see `conduction.begin_round`
+    conduct: np.ndarray  # (3,) see `conduction.set_legs`
 
 
 @kernel
@@ -110,15 +144,9 @@ def begin_step(
     sig,
     state_signal,
     x_start,
-    x_stage,
     n_nodes,
     node_signal,
-    node_c_gh,
-    node_g,
     v_start,
-    v_stage,
-    port_c,
-    coefficient,
     element_variant,
     element_positions,
     position,
@@ -127,22 +155,12 @@ def begin_step(
     position_start,
     position_values,
     values,
-    part_start,
-    n_linear_terms,
-    term_w,
-    term_j,
-    term_k,
-    term_y,
-    term_factor,
-    Y_linear,
 ):
-    """What both stages share: the start, the positions of the contacts, the admittances of the linear elements."""
+    """Where the step starts, and the positions of the contacts."""
     for k in range(state_signal.shape[0]):
         x_start[k] = sig[state_signal[k]]
-        x_stage[k] = x_start[k]
     for k in range(n_nodes):
         v_start[k] = sig[node_signal[k]]
-        v_stage[k] = v_start[k]
     for e in range(element_variant.shape[0]):
         wanted = int(sig[element_variant[e]])
         if wanted != position[e]:
@@ -153,6 +171,27 @@ def begin_step(
                 wanted = 0
             for k in range(n):
                 values[slot[first + k]] = position_values[position_start[e] + wanted * n + k]
+
+
+@kernel
+def linear_admittance(
+    sig,
+    n_nodes,
+    node_c_gh,
+    node_g,
+    port_c,
+    coefficient,
+    values,
+    part_start,
+    n_linear_terms,
+    term_w,
+    term_j,
+    term_k,
+    term_y,
+    term_factor,
+    Y_linear,
+):
+    """What both stages share: switching functions and the admittances of the linear elements."""
     for k in range(port_c.shape[0]):
         coefficient[k] = sig[port_c[k]]
     width = n_nodes + 1
@@ -166,8 +205,10 @@ def begin_step(
 
 
 @kernel
-def second_stage(x_start, x_stage, x, n_nodes, v_stage, v_start, v):
+def second_stage(x_start, x_stage, x, n_nodes, v_stage, v_start, v, stage_share):
     """Start of the second stage: x0 + kappa (x1 - x0), for states and node voltages."""
+    stage_share[0] = 0.0
+    stage_share[1] = GAMMA
     for k in range(x_start.shape[0]):
         x_stage[k] = x_start[k] + KAPPA * (x[k] - x_start[k])
     for k in range(n_nodes):
@@ -225,8 +266,7 @@ def machine_history(machine_w, values, part_start, norton, history, machine_port
 
 
 @kernel
-def solve(
-    sig,
+def nodal_equations(
     n_nodes,
     node_c_gh,
     v_stage,
@@ -243,23 +283,11 @@ def solve(
     inject_node,
     inject_factor,
     history,
-    later,
-    neighbour,
-    port_plus,
-    port_minus,
-    port_v,
-    n_linear_ports,
-    port_voltage,
     Y_linear,
     Y,
     rhs,
-    v,
 ):
-    """Assemble (nodal-1), factorise, solve, and hand each port its voltage.
-
-    A node that nothing but open contacts touches has no equation of its own; it goes to zero, and so does one node of
-    an island that floats as a whole.
-    """
+    """Assemble (nodal-1)."""
     n = n_nodes
     width = n + 1
     for k in range(width * width):
@@ -269,10 +297,36 @@ def solve(
         Y[term_y[k]] += term_factor[k] * coefficient[term_j[k]] * values[w + term_w[k]] * coefficient[term_k[k]]
     for k in range(n):
         rhs[k] = node_c_gh[k] * v_stage[k]
-        v[k] = Y[k * width + k]  # kept to tell a vanishing pivot from a small one
     for k in range(inject_port.shape[0]):
         j = inject_port[k]
         rhs[inject_node[k]] -= inject_factor[k] * coefficient[j] * history[j]
+
+
+@kernel
+def solve(
+    sig,
+    n_nodes,
+    coefficient,
+    later,
+    neighbour,
+    port_plus,
+    port_minus,
+    port_v,
+    n_linear_ports,
+    port_voltage,
+    Y,
+    rhs,
+    v,
+):
+    """Factorise, solve, and hand each port its voltage.
+
+    A node that nothing but open contacts touches has no equation of its own; it goes to zero, and so does one node of
+    an island that floats as a whole.
+    """
+    n = n_nodes
+    width = n + 1
+    for k in range(n):
+        v[k] = Y[k * width + k]  # kept to tell a vanishing pivot from a small one
     for k in range(n):
         pivot = Y[k * width + k]
         if not (np.abs(pivot) > 1e-12 * np.abs(v[k])):

@@ -23,6 +23,7 @@ Kernels run uncompiled, on plain Python objects: about a second of computing for
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ from shipgrid.assembly.weave import type_order
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
 from shipgrid.model.records import names_of, parameter_dtype
-from shipgrid.solvers.companion import state_space
+from shipgrid.solvers.companion import StateSpace, state_space
 
 COMPLEX_STEP = 1e-40
 DIFFERENCE = 1e-7
@@ -245,12 +246,17 @@ class _Instance:
 
 @dataclass(frozen=True)
 class _Contact:
-    """Contacts of one element: which states each position holds at zero."""
+    """Contacts of one element: which states each position holds at zero, and its matrices in each position."""
 
     place: int
     held: list[list[int]]
+    states: slice
     ports: slice
-    n_states: int
+    spaces: list[StateSpace]
+
+    def position(self, sig: np.ndarray) -> int:
+        position = int(sig[self.place])
+        return position if 0 <= position < len(self.held) else 0
 
 
 class _Plant:
@@ -320,7 +326,8 @@ class _Plant:
             if i.placed.variant:
                 names = names_of(i.type.kind.state)
                 held = [[states.start + names.index(x) for x in v] for v in ((), *i.type.kind.variants.values())]
-                self.contacts.append(_Contact(layout.place(i.placed.variant, i.path), held, ports, len(space.A)))
+                in_each = [state_space(i.placed.item, k) for k in range(len(held))]
+                self.contacts.append(_Contact(layout.place(i.placed.variant, i.path), held, states, ports, in_each))
         s = len(source_places)
         self.B_s, self.D_s = np.array(b_source).reshape(s, n).T, np.array(d_source).reshape(s, m).T
         self.source_places = np.array(source_places, dtype=np.int64)
@@ -398,7 +405,7 @@ class _Plant:
             i.gather(sig)
             if f != 1.0 and len(i.measured):
                 to, source = i.measured[:, 0], i.measured[:, 1]
-                sig[to] = before[source] + f * (sig[source] - before[source])
+                sig[to] = before[source] + f * (sig[source] - before[source]) + self.work.step.lead[source]
             i.read(sig)
             i.records["x_next"].write(sig[i.xs])
             if "update" in i.kernels:
@@ -412,20 +419,21 @@ class _Plant:
     def _set(self, settle: bool = False) -> None:
         """Take over switching functions and contact positions, and make the state consistent with them."""
         sig = self.sig
-        coefficient = sig[self.port_c]
-        held, opened = [], []
+        held, opened, positions = [], [], []
         for contact in self.contacts:
-            position = int(sig[contact.place])
-            rows = contact.held[position if 0 <= position < len(contact.held) else 0]
+            positions.append(contact.position(sig))
+            rows = contact.held[positions[-1]]
             held += rows
-            if rows and len(rows) == contact.n_states:
+            if rows and len(rows) == len(contact.spaces[0].A):
                 opened.append(contact.ports)
-        setting = (coefficient.tobytes(), tuple(held))
+        self._drive(set(held))
+        coefficient = sig[self.port_c]
+        setting = (coefficient.tobytes(), tuple(positions))
         if setting != self.setting:
             if self.setting is None or setting[1] != self.setting[1]:
                 self.age = JACOBIAN_LIFE
             self.setting = setting
-            self._matrices(coefficient, held, opened)
+            self._matrices(coefficient, held, opened, positions)
         sig[self.state_places[held]] = 0.0
         for i in [*self.machines, *self.continuous]:
             if "limit" in i.kernels:
@@ -443,9 +451,35 @@ class _Plant:
             self._project()
         self.rates(sig[self.places])
 
-    def _matrices(self, coefficient: np.ndarray, held: list[int], opened: list[slice]) -> None:
+    def _drive(self, held: set[int]) -> None:
+        """Switching functions of all bridges from the bounds their modulators give.
+
+        Raises
+        ------
+        SolverError
+            If the gates leave one open behind which a current can flow: this solver has no diodes.
+        """
+        net, sig = self.plan.net, self.sig
+        place_of_port = {int(place): k for k, place in enumerate(self.port_c)}
+        for b, legs in enumerate(self.plan.network.legs.values()):
+            first, last = net.leg_first[b], net.leg_first[b + 1]
+            lo, hi = sig[net.leg_lo[first:last]], sig[net.leg_hi[first:last]]
+            poles = [place_of_port[int(k)] for k in net.bridge_s[b]]
+            if np.any(lo != hi):
+                if any(np.any(np.delete(self.C[k], list(held)) != 0.0) for k in poles):
+                    raise SolverError(f"{legs.path} is blocked, and the reference solver has no diodes")
+                lo = np.full(len(lo), 0.5)
+            vector = (
+                [lo[0]] if len(lo) == 1 else [(2.0 * lo[0] - lo[1] - lo[2]) / 3.0, (lo[1] - lo[2]) / math.sqrt(3.0)]
+            )
+            sig[net.bridge_s[b, : len(vector)]] = vector
+
+    def _matrices(self, coefficient: np.ndarray, held: list[int], opened: list[slice], positions: list[int]) -> None:
         """Everything of (1) to (3) that is constant until the next instant."""
         A, B, C, D = self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy()
+        for contact, position in zip(self.contacts, positions, strict=True):
+            space, q = contact.spaces[position], len(contact.spaces[position].C)
+            A[contact.states, contact.states], B[contact.states, contact.ports] = space.A, space.B[:, :q]
         B_s, D_s = self.B_s.copy(), self.D_s.copy()
         A[held, :] = A[:, held] = B[held, :] = C[:, held] = B_s[held, :] = 0.0
         for ports in opened:

@@ -4,18 +4,13 @@
     L di_l/dt = v_c - R i_l - v_leg                 (2)
     i_leg = -i_l                                    (3)
 
-`e` is the battery's voltage behind its internal resistance. The leg's terminal meets the DC bus through a pole:
+`e` is the battery's voltage behind its internal resistance. The leg's terminal meets the DC bus through a half-bridge:
 v_leg = s v_dc, and s i_l flows into the bus, with s the switching function of the upper switch: any number from 0
-to 1 as the mean over a step. With gates blocked or the contactor open no current flows (variant "blocked"). C with
-R_b has its pole at -1/(R_b C) = -2.4e6 rad/s: the solver's rule must be L-stable. Dead time is neglected.
+to 1 as the mean over a step. C with R_b has its pole at -1/(R_b C) = -2.4e6 rad/s: the solver's rule must be L-stable.
 
-`Precharge` is the way round the choke's contactor by which a battery energises a dead bus: a resistor, and the
-leg's upper diode,
-
-    L di_p/dt = e - (R_p + R + R_b) i_p - v_dc      (4)
-
-Its diode is in its contact: the sequence that closes it opens it again where the current would turn. The capacitor
-is at e meanwhile, since only one of the two ways carries current at a time.
+Two contact positions beside the closed one: `open`, no current; `precharge`, the contactor is closed through the
+resistor `R_p`, which stands in (2) beside R. With the gates blocked the leg's upper diode then charges a bus whose
+voltage is below the battery's.
 
 Source: [DAgostino2020] sec. 3.1, fig. 5a, table A1; docs/theory/converters.md.
 """
@@ -23,7 +18,7 @@ Source: [DAgostino2020] sec. 3.1, fig. 5a, table A1; docs/theory/converters.md.
 from __future__ import annotations
 
 from shipgrid.model import Terminal, component, kernel, param, signal
-from shipgrid.units import Ampere, Farad, Henry, Ohm, Volt
+from shipgrid.units import Ampere, Farad, Henry, Ohm, Ratio, Volt
 
 
 class State:
@@ -34,6 +29,7 @@ class State:
 class Input:
     e: Volt = signal("battery voltage behind its internal resistance")
     v_leg: Volt = signal("voltage of the half-bridge leg")
+    position: Ratio = signal("position of the contactor: 0 closed, 1 open, 2 through the resistor", initial=0.0)
 
 
 class Output:
@@ -41,9 +37,14 @@ class Output:
 
 
 @kernel
+def choke_resistance(u: Input, p: BuckBoost):
+    return p.R + p.R_p if u.position.real > 1.5 else p.R + 0.0
+
+
+@kernel
 def derivatives(t, x: State, u: Input, p: BuckBoost, dx: State):
     dx.v_c = ((u.e - x.v_c) / p.R_b - x.i_l) / p.C  # (1)
-    dx.i_l = (x.v_c - p.R * x.i_l - u.v_leg) / p.L  # (2)
+    dx.i_l = (x.v_c - choke_resistance(u, p) * x.i_l - u.v_leg) / p.L  # (2)
 
 
 @kernel
@@ -58,7 +59,7 @@ def stored_energy(x: State, p: BuckBoost):
 
 @kernel
 def losses(x: State, u: Input, p: BuckBoost):
-    return p.R * x.i_l**2 + (u.e - x.v_c) ** 2 / p.R_b
+    return choke_resistance(u, p) * x.i_l**2 + (u.e - x.v_c) ** 2 / p.R_b
 
 
 @component(
@@ -70,7 +71,7 @@ def losses(x: State, u: Input, p: BuckBoost):
     stored_energy=stored_energy,
     losses=losses,
     terminals=(Terminal("leg", v="v_leg", i="i_leg"),),
-    variants={"blocked": ("i_l",)},
+    variants={"open": ("i_l",), "precharge": ()},
     passive=True,
 )
 class BuckBoost:
@@ -82,64 +83,9 @@ class BuckBoost:
     R_b: Ohm = param(
         "internal resistance of the battery", default=34.375e-3, above=0.0, source="SPS ratio, 440 V 128 Ah"
     )
-
-
-class PrechargeState:
-    i_p: Ampere = signal("pre-charge current, from battery to bus")
-
-
-class PrechargeInput:
-    e: Volt = signal("battery voltage behind its internal resistance")
-    v_dc: Volt = signal("bus voltage")
-
-
-class PrechargeOutput:
-    i_dc: Ampere = signal("current from the bus")
-
-
-@kernel
-def precharge_derivatives(t, x: PrechargeState, u: PrechargeInput, p: Precharge, dx: PrechargeState):
-    dx.i_p = (u.e - (p.R_p + p.R + p.R_b) * x.i_p - u.v_dc) / p.L  # (4)
-
-
-@kernel
-def precharge_outputs(t, x: PrechargeState, u: PrechargeInput, p: Precharge, y: PrechargeOutput):
-    y.i_dc = -x.i_p
-
-
-@kernel
-def precharge_stored_energy(x: PrechargeState, p: Precharge):
-    return 0.5 * p.L * x.i_p**2
-
-
-@kernel
-def precharge_losses(x: PrechargeState, u: PrechargeInput, p: Precharge):
-    return (p.R_p + p.R + p.R_b) * x.i_p**2
-
-
-@component(
-    state=PrechargeState,
-    input=PrechargeInput,
-    output=PrechargeOutput,
-    derivatives=precharge_derivatives,
-    outputs=precharge_outputs,
-    stored_energy=precharge_stored_energy,
-    losses=precharge_losses,
-    terminals=(Terminal("bus", v="v_dc", i="i_dc"),),
-    variants={"open": ("i_p",)},
-    passive=True,
-)
-class Precharge:
-    """Pre-charge contactor and resistor, in series with the choke and the leg's upper diode."""
-
     R_p: Ohm = param(
         "pre-charge resistance",
         default=20.0,
-        above=0.0,
+        at_least=0.0,
         source="typical: 24 A at first, and 34 mF are charged in three time constants of 0.7 s",
-    )
-    L: Henry = param("choke inductance", default=0.8e-3, above=0.0, source="[DAgostino2020] table A1")
-    R: Ohm = param("resistance of choke and switches", default=0.25, at_least=0.0, source="[DAgostino2020] table A1")
-    R_b: Ohm = param(
-        "internal resistance of the battery", default=34.375e-3, above=0.0, source="SPS ratio, 440 V 128 Ah"
     )

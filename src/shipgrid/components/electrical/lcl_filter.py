@@ -8,9 +8,8 @@
 -i_2. `L_2` is the leakage of the transformer where there is one, its ratio already referred. `R_d` stands in series
 with C. Written per axis (alpha, beta): the star point is insulated and carries no zero sequence.
 
-Two contact positions beside the closed one: `blocked`, the gates are off and no current flows in L_1 (the diodes
-do not conduct as long as v_dc exceeds the line-to-line peak); `open`, the contactor towards the grid is open and
-the capacitors are discharged.
+Two contact positions beside the closed one: `open`, the contactor towards the grid is open and the capacitors are
+discharged; `precharge`, the contactor is closed through the resistor `R_p`, which stands in (3) beside R_2.
 
 Source: [DAgostino2020] table A1 and fig. 5; docs/theory/converters.md.
 """
@@ -20,7 +19,7 @@ from __future__ import annotations
 import math
 
 from shipgrid.model import Terminal, component, kernel, param, signal
-from shipgrid.units import Ampere, Farad, Henry, Ohm, Volt
+from shipgrid.units import Ampere, Farad, Henry, Ohm, Ratio, Volt
 
 
 class State:
@@ -32,6 +31,7 @@ class State:
 class Input:
     v_conv: Volt = signal("voltage of the converter poles")
     v_g: Volt = signal("grid voltage")
+    position: Ratio = signal("position of the contactor: 0 closed, 1 open, 2 through the resistor", initial=0.0)
 
 
 class Output:
@@ -40,11 +40,16 @@ class Output:
 
 
 @kernel
+def grid_resistance(u: Input, p: LclFilter):
+    return p.R_2 + p.R_p if u.position.real > 1.5 else p.R_2 + 0.0
+
+
+@kernel
 def derivatives(t, x: State, u: Input, p: LclFilter, dx: State):
     v_node = x.v_c + p.R_d * (x.i_1 - x.i_2)
     dx.i_1 = (u.v_conv - p.R_1 * x.i_1 - v_node) / p.L_1  # (1)
     dx.v_c = (x.i_1 - x.i_2) / p.C  # (2)
-    dx.i_2 = (v_node - p.R_2 * x.i_2 - u.v_g) / p.L_2  # (3)
+    dx.i_2 = (v_node - grid_resistance(u, p) * x.i_2 - u.v_g) / p.L_2  # (3)
 
 
 @kernel
@@ -59,8 +64,8 @@ def stored_energy(x: State, p: LclFilter):
 
 
 @kernel
-def losses(x: State, p: LclFilter):
-    return p.R_1 * x.i_1**2 + p.R_d * (x.i_1 - x.i_2) ** 2 + p.R_2 * x.i_2**2
+def losses(x: State, u: Input, p: LclFilter):
+    return p.R_1 * x.i_1**2 + p.R_d * (x.i_1 - x.i_2) ** 2 + grid_resistance(u, p) * x.i_2**2
 
 
 @component(
@@ -72,7 +77,7 @@ def losses(x: State, p: LclFilter):
     stored_energy=stored_energy,
     losses=losses,
     terminals=(Terminal("converter", v="v_conv", i="i_conv"), Terminal("grid", v="v_g", i="i_g")),
-    variants={"blocked": ("i_1",), "open": ("i_1", "v_c", "i_2")},
+    variants={"open": ("i_1", "v_c", "i_2"), "precharge": ()},
     passive=True,
 )
 class LclFilter:
@@ -84,6 +89,12 @@ class LclFilter:
     R_d: Ohm = param("damping resistance in series with the capacitor", at_least=0.0)
     L_2: Henry = param("grid-side inductance, transformer leakage included", above=0.0)
     R_2: Ohm = param("resistance of the grid-side choke or transformer", at_least=0.0)
+    R_p: Ohm = param(
+        "pre-charge resistance per phase",
+        default=1.5,
+        at_least=0.0,
+        source="chosen: a quarter of 596 kW's current at first; more would divide with the capacitors' 5.5 ohm",
+    )
 
     @classmethod
     def per_unit(
@@ -97,6 +108,7 @@ class LclFilter:
         R_1: float = 0.005,
         R_2: float = 0.005,
         damping: float = 1.0 / 3.0,
+        R_p: float = 0.0,
     ) -> LclFilter:
         """Filter from per-unit values on its own rating.
 
@@ -112,6 +124,8 @@ class LclFilter:
             Per-unit values; the default resistances are typical of air-cooled chokes of this size.
         damping : float
             Damping resistance over the capacitor's reactance at resonance: R_d = damping / (omega_res C).
+        R_p : float
+            Pre-charge resistance [ohm].
 
         Returns
         -------
@@ -121,7 +135,15 @@ class LclFilter:
         omega = 2.0 * math.pi * f_n
         z = v_n**2 / rating
         R_d = damping * math.sqrt(L_1 * L_2 / ((L_1 + L_2) * C))
-        return cls(L_1=L_1 * z / omega, R_1=R_1 * z, C=C / (omega * z), R_d=R_d * z, L_2=L_2 * z / omega, R_2=R_2 * z)
+        return cls(
+            L_1=L_1 * z / omega,
+            R_1=R_1 * z,
+            C=C / (omega * z),
+            R_d=R_d * z,
+            L_2=L_2 * z / omega,
+            R_2=R_2 * z,
+            R_p=R_p,
+        )
 
     @property
     def f_res(self) -> float:

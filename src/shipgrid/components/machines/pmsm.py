@@ -8,10 +8,6 @@
 The d axis lies on the magnets, theta_e from the alpha axis. omega_m comes from the shaft and is held over a step.
 Linear magnetics; no iron loss (it would be below 1 % here), no cogging.
 
-`blocked` says that the gates of the inverter are blocked: then no current flows, which is right while the
-line-to-line peak of the back-emf stays below the bus voltage (no diode conducts: up to 635 V at 450 rpm). The drive
-brings the torque to zero before it blocks; what current is left is lost at once, with the energy it stores.
-
 The Norton equivalent of an implicit Euler step of length gh: (1) and (2) at its end, with the angle there known from
 (3),
 
@@ -43,7 +39,6 @@ class Input:
     v_alpha: Volt = signal("stator voltage, alpha axis")
     v_beta: Volt = signal("stator voltage, beta axis")
     omega_m: RadianPerSecond = signal("mechanical speed of the rotor")
-    blocked: Ratio = signal("1 while the gates of the inverter are blocked", initial=0.0)
 
 
 class Output:
@@ -56,76 +51,52 @@ class Output:
 @kernel
 def derivatives(x: State, u: Input, p: Pmsm, dx: State):
     omega_e = p.n_p * u.omega_m
+    v_d, v_q = rotate(u.v_alpha, u.v_beta, np.cos(x.theta_e), np.sin(x.theta_e))
+    dx.i_d = (v_d - p.R_s * x.i_d + omega_e * p.L_q * x.i_q) / p.L_d  # (1)
+    dx.i_q = (v_q - p.R_s * x.i_q - omega_e * (p.L_d * x.i_d + p.psi_f)) / p.L_q  # (2)
     dx.theta_e = omega_e  # (3)
-    if u.blocked.real > 0.5:
-        dx.i_d = 0.0
-        dx.i_q = 0.0
-    else:
-        v_d, v_q = rotate(u.v_alpha, u.v_beta, np.cos(x.theta_e), np.sin(x.theta_e))
-        dx.i_d = (v_d - p.R_s * x.i_d + omega_e * p.L_q * x.i_q) / p.L_d  # (1)
-        dx.i_q = (v_q - p.R_s * x.i_q - omega_e * (p.L_d * x.i_d + p.psi_f)) / p.L_q  # (2)
 
 
 @kernel
 def outputs(x: State, u: Input, p: Pmsm, y: Output):
-    if u.blocked.real > 0.5:
-        y.i_alpha = 0.0
-        y.i_beta = 0.0
-        y.tau_e = 0.0
-    else:
-        y.i_alpha, y.i_beta = unrotate(x.i_d, x.i_q, np.cos(x.theta_e), np.sin(x.theta_e))
-        y.tau_e = 1.5 * p.n_p * (p.psi_f + (p.L_d - p.L_q) * x.i_d) * x.i_q  # (4)
+    y.i_alpha, y.i_beta = unrotate(x.i_d, x.i_q, np.cos(x.theta_e), np.sin(x.theta_e))
+    y.tau_e = 1.5 * p.n_p * (p.psi_f + (p.L_d - p.L_q) * x.i_d) * x.i_q  # (4)
     y.p_s = 1.5 * (u.v_alpha * y.i_alpha + u.v_beta * y.i_beta)
 
 
 @kernel
 def stamp(gh, x: State, u: Input, p: Pmsm, n):
-    if u.blocked.real > 0.5:
-        n.g_aa = 0.0
-        n.g_ab = 0.0
-        n.g_ba = 0.0
-        n.g_bb = 0.0
-        n.h_a = 0.0
-        n.h_b = 0.0
-    else:
-        omega_e = p.n_p * u.omega_m
-        angle = x.theta_e + gh * omega_e
-        cos, sin = np.cos(angle), np.sin(angle)
-        z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
-        determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
-        y_dd, y_dq = z_q / determinant, omega_e * p.L_q / determinant  # inverse of the matrix in (5)
-        y_qd, y_qq = -omega_e * p.L_d / determinant, z_d / determinant
-        e_d, e_q = p.L_d * x.i_d / gh, p.L_q * x.i_q / gh - omega_e * p.psi_f
-        column_a = unrotate(y_dd * cos - y_dq * sin, y_qd * cos - y_qq * sin, cos, sin)
-        column_b = unrotate(y_dd * sin + y_dq * cos, y_qd * sin + y_qq * cos, cos, sin)
-        n.g_aa, n.g_ba = column_a
-        n.g_ab, n.g_bb = column_b
-        n.h_a, n.h_b = unrotate(y_dd * e_d + y_dq * e_q, y_qd * e_d + y_qq * e_q, cos, sin)
+    omega_e = p.n_p * u.omega_m
+    angle = x.theta_e + gh * omega_e
+    cos, sin = np.cos(angle), np.sin(angle)
+    z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
+    determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
+    y_dd, y_dq = z_q / determinant, omega_e * p.L_q / determinant  # inverse of the matrix in (5)
+    y_qd, y_qq = -omega_e * p.L_d / determinant, z_d / determinant
+    e_d, e_q = p.L_d * x.i_d / gh, p.L_q * x.i_q / gh - omega_e * p.psi_f
+    column_a = unrotate(y_dd * cos - y_dq * sin, y_qd * cos - y_qq * sin, cos, sin)
+    column_b = unrotate(y_dd * sin + y_dq * cos, y_qd * sin + y_qq * cos, cos, sin)
+    n.g_aa, n.g_ba = column_a
+    n.g_ab, n.g_bb = column_b
+    n.h_a, n.h_b = unrotate(y_dd * e_d + y_dq * e_q, y_qd * e_d + y_qq * e_q, cos, sin)
 
 
 @kernel
 def advance(gh, x: State, u: Input, p: Pmsm, x_next: State):
     omega_e = p.n_p * u.omega_m
     angle = x.theta_e + gh * omega_e
+    v_d, v_q = rotate(u.v_alpha, u.v_beta, np.cos(angle), np.sin(angle))
+    z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
+    determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
+    e_d, e_q = v_d + p.L_d * x.i_d / gh, v_q + p.L_q * x.i_q / gh - omega_e * p.psi_f
+    x_next.i_d = (z_q * e_d + omega_e * p.L_q * e_q) / determinant  # (5)
+    x_next.i_q = (z_d * e_q - omega_e * p.L_d * e_d) / determinant
     x_next.theta_e = angle
-    if u.blocked.real > 0.5:
-        x_next.i_d = 0.0
-        x_next.i_q = 0.0
-    else:
-        v_d, v_q = rotate(u.v_alpha, u.v_beta, np.cos(angle), np.sin(angle))
-        z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
-        determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
-        e_d, e_q = v_d + p.L_d * x.i_d / gh, v_q + p.L_q * x.i_q / gh - omega_e * p.psi_f
-        x_next.i_d = (z_q * e_d + omega_e * p.L_q * e_q) / determinant  # (5)
-        x_next.i_q = (z_d * e_q - omega_e * p.L_d * e_d) / determinant
 
 
 @kernel
-def limit(x: State, u: Input):
+def limit(x: State):
     x.theta_e = wrap(x.theta_e)
-    if u.blocked.real > 0.5:
-        x.i_d = 0.0
-        x.i_q = 0.0
 
 
 @kernel

@@ -1,0 +1,500 @@
+"""Which switch or diode of each leg conducts: found with the solve of the network.
+
+A modulator gives every leg bounds lo <= s <= hi of its mean switching function over the step; a driven leg has lo = hi.
+Between them the leg's current i, counted out of the leg, decides:
+
+    s = lo and i >= 0,   or   s = hi and i <= 0,   or   lo <= s <= hi and i = 0           (conduction-1)
+
+The state of every leg (at lo, at hi, floating) holds for a whole step. The step is taken, each leg's condition is
+looked at, those that fail change state, and the step is taken again.
+
+A floating leg's current has to be what it was at the step's start, falling linearly to zero at the step's end:
+
+    n.i = (1 - gamma) n.i_0  at the first stage,   n.i = 0  at the second                 (conduction-2)
+
+which is what a constant leg voltage would give, so that a current that crosses zero inside the step lands on zero by
+the volt-seconds it takes. `n` is the leg's axis in the alpha-beta plane; with two legs floating there is no
+current at all, and both axes are constrained. The unknown is the pole voltage v = c v_dc + P w, P the constrained
+directions; it is eliminated (Schur complement) from the elements' admittances before the nodal equations are solved:
+
+    w = G^-1 (t - R v),   G = P' W P,   R = P' W c,   t = n.i - P' h                      (conduction-3)
+    Y -= L G^-1 R,   rhs -= L G^-1 t,   L = c W P + P' n.i / v_dc                         (conduction-4)
+
+The last term of L is the bus's share in the power w n.i of a current that is being landed.
+
+Where a bus voltage reverses, both diodes of every leg on it conduct: a conductance across the bus as long as v_dc < 0.
+
+docs/theory/conduction.md.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from shipgrid.model import kernel
+from shipgrid.solvers.companion import GAMMA
+
+DRIVEN, AT_LO, AT_HI, FLOATING = 0, 1, 2, 3
+ALL_AT_ONCE = 8
+"""Rounds in which all legs that fail change state; afterwards only the one that fails most, so that none cycle."""
+ROUNDS = 48
+"""Most rounds of a step. A step that is not settled then stops the run."""
+SMALL_A = 1e-9
+"""Current [A] that counts as none: far above rounding, far below anything that acts."""
+SMALL = 1e-9
+"""Share of the voltages by which a floating leg may pass its bounds."""
+SQRT3 = np.sqrt(3.0)
+AXIS = ((1.0, 0.0), (-0.5, 0.5 * SQRT3), (-0.5, -0.5 * SQRT3))
+"""Axes of the phases a, b, c in the alpha-beta plane."""
+
+
+@kernel
+def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint):
+    """Put the states of bridge b's legs into its switching functions and its constraint.
+
+    `constraint[b]`: number of constrained directions (-1: nothing conducts behind the poles), the direction if one.
+    """
+    first, last = leg_first[b], leg_first[b + 1]
+    floating = 0
+    for k in range(first, last):
+        state = leg_state[k]
+        if state == FLOATING:
+            floating += 1
+            leg_s[k] = 0.5 * (sig[leg_lo[k]] + sig[leg_hi[k]])
+        elif state == AT_HI:
+            leg_s[k] = sig[leg_hi[k]]
+        else:
+            leg_s[k] = sig[leg_lo[k]]
+    if last - first == 1:
+        constraint[b, 0] = floating
+        constraint[b, 1] = 1.0
+        constraint[b, 2] = 0.0
+        sig[bridge_s[b, 0]] = leg_s[first]
+        return
+    if floating >= 2:
+        floating = 2
+        for k in range(first, last):
+            if leg_state[k] != DRIVEN:
+                leg_state[k] = FLOATING
+                leg_s[k] = 0.5 * (sig[leg_lo[k]] + sig[leg_hi[k]])
+    elif floating == 1:
+        for k in range(3):
+            if leg_state[first + k] == FLOATING:
+                constraint[b, 1] = AXIS[k][0]
+                constraint[b, 2] = AXIS[k][1]
+    constraint[b, 0] = floating
+    s_a, s_b, s_c = leg_s[first], leg_s[first + 1], leg_s[first + 2]
+    sig[bridge_s[b, 0]] = (2.0 * s_a - s_b - s_c) / 3.0
+    sig[bridge_s[b, 1]] = (s_b - s_c) / SQRT3
+
+
+@kernel
+def set_legs(
+    sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_port, port_i, bridge_i0, bridge_s, constraint, conduct
+):
+    """Start a step: bounds from the modulators, states from the last step, currents at the start.
+
+    `conduct` holds, of this step: free legs, rounds, legs that changed in the last round.
+    """
+    free = 0
+    for b in range(bridge_port.shape[0]):
+        first, last = leg_first[b], leg_first[b + 1]
+        alpha = sig[port_i[bridge_port[b, 0]]]
+        beta = sig[port_i[bridge_port[b, 1]]] if last - first > 1 else 0.0
+        bridge_i0[b, 0] = alpha
+        bridge_i0[b, 1] = beta
+        for k in range(first, last):
+            if sig[leg_lo[k]] == sig[leg_hi[k]]:
+                leg_state[k] = DRIVEN
+            else:
+                free += 1
+                if leg_state[k] == DRIVEN:
+                    axis = AXIS[k - first]
+                    i = axis[0] * alpha + axis[1] * beta
+                    leg_state[k] = AT_LO if i > SMALL_A else (AT_HI if i < -SMALL_A else FLOATING)
+        place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
+    conduct[0] = free
+    conduct[1] = 0
+
+
+@kernel
+def begin_round(
+    state_signal,
+    x_start,
+    x_stage,
+    n_nodes,
+    v_start,
+    v_stage,
+    stage_share,
+    bridge_mean,
+):
+    """Take the step (again) from its start."""
+    for k in range(state_signal.shape[0]):
+        x_stage[k] = x_start[k]
+    for k in range(n_nodes):
+        v_stage[k] = v_start[k]
+    stage_share[0] = 1.0 - GAMMA  # of the current at the step's start that is left at the stage's end
+    stage_share[1] = 1.0 - GAMMA  # weight of the stage in means of the step
+    for b in range(bridge_mean.shape[0]):
+        for k in range(5):
+            bridge_mean[b, k] = 0.0
+
+
+@kernel
+def constrain(
+    n_nodes,
+    values,
+    part_start,
+    port_plus,
+    port_minus,
+    port_w,
+    port_first,
+    port_count,
+    port_weight,
+    coefficient,
+    history,
+    bridge_port,
+    bridge_node,
+    bridge_weight,
+    related_first,
+    related,
+    touched_first,
+    touched,
+    bridge_i0,
+    constraint,
+    inverse,
+    target,
+    left,
+    right,
+    stage_share,
+    v_stage,
+    clamp,
+    clamp_node,
+    clamp_g,
+    Y,
+    rhs,
+):
+    """Eliminate the pole voltages of floating legs, (conduction-3) and (conduction-4), and stamp reversed buses."""
+    n = n_nodes
+    width = n + 1
+    w0 = part_start[5]
+    for k in range(clamp.shape[0]):
+        if clamp[k] != 0:
+            Y[clamp_node[k] * width + clamp_node[k]] += clamp_g[k]
+    for b in range(bridge_port.shape[0]):
+        if constraint[b, 0] < 0.5:
+            continue
+        A, B = bridge_port[b, 0], bridge_port[b, 1]
+        two = constraint[b, 0] > 1.5
+        p_a, p_b = (1.0, 0.0) if two else (constraint[b, 1], constraint[b, 2])
+        W_aa = values[w0 + port_w[A] + A - port_first[A]]
+        W_ab = W_ba = W_bb = 0.0
+        h_b = 0.0
+        if B >= 0:
+            W_bb = values[w0 + port_w[B] + B - port_first[B]]
+            h_b = history[B]
+            if port_first[A] == port_first[B]:
+                W_ab = values[w0 + port_w[A] + B - port_first[B]]
+                W_ba = values[w0 + port_w[B] + A - port_first[A]]
+        i_a, i_b = stage_share[0] * bridge_i0[b, 0], stage_share[0] * bridge_i0[b, 1]
+        if W_aa == 0.0 and W_bb == 0.0:  # an open contact behind the poles: there is no current to constrain
+            constraint[b, 0] = -1.0
+            continue
+        if two:
+            determinant = W_aa * W_bb - W_ab * W_ba
+            scale = 1.0 / determinant if determinant != 0.0 else 0.0
+            inverse[b, 0] = W_bb * scale
+            inverse[b, 1] = -W_ab * scale
+            inverse[b, 2] = -W_ba * scale
+            inverse[b, 3] = W_aa * scale
+            target[b, 0] = i_a - history[A]
+            target[b, 1] = i_b - h_b
+        else:
+            G = p_a * (p_a * W_aa + p_b * W_ab) + p_b * (p_a * W_ba + p_b * W_bb)
+            inverse[b, 0] = 1.0 / G if G != 0.0 else 0.0
+            inverse[b, 1] = inverse[b, 2] = inverse[b, 3] = 0.0
+            target[b, 0] = p_a * (i_a - history[A]) + p_b * (i_b - h_b)
+            target[b, 1] = 0.0
+            i_a, i_b = p_a * i_a + p_b * i_b, 0.0
+        for m in range(touched_first[b], touched_first[b + 1]):
+            for d in range(2):
+                left[d, touched[m]] = 0.0
+                right[b, d, touched[m]] = 0.0
+        for m in range(related_first[b], related_first[b + 1]):
+            j = related[m]
+            ja = jb = aj = bj = 0.0
+            if port_first[j] == port_first[A]:
+                ja = values[w0 + port_w[j] + A - port_first[A]]
+                aj = values[w0 + port_w[A] + j - port_first[A]]
+            if B >= 0 and port_first[j] == port_first[B]:
+                jb = values[w0 + port_w[j] + B - port_first[B]]
+                bj = values[w0 + port_w[B] + j - port_first[B]]
+            c = coefficient[j]
+            column = c * port_weight[j] * (p_a * ja + p_b * jb)
+            row = c * (p_a * aj + p_b * bj)
+            plus, minus = port_plus[j], port_minus[j]
+            left[0, plus] += column
+            left[0, minus] -= column
+            right[b, 0, plus] += row
+            right[b, 0, minus] -= row
+            if two:
+                left[1, plus] += c * port_weight[j] * jb
+                left[1, minus] -= c * port_weight[j] * jb
+                right[b, 1, plus] += c * bj
+                right[b, 1, minus] -= c * bj
+        dc = bridge_node[b]
+        v_dc = v_stage[dc]
+        if stage_share[0] != 0.0 and np.abs(v_dc) > 1.0:
+            left[0, dc] += bridge_weight[b] * i_a / v_dc
+            left[1, dc] += bridge_weight[b] * i_b / v_dc
+        for m in range(touched_first[b], touched_first[b + 1]):
+            r = touched[m]
+            if r == n:
+                continue
+            l_0 = left[0, r] * inverse[b, 0] + left[1, r] * inverse[b, 2]
+            l_1 = left[0, r] * inverse[b, 1] + left[1, r] * inverse[b, 3]
+            rhs[r] -= l_0 * target[b, 0] + l_1 * target[b, 1]
+            for o in range(touched_first[b], touched_first[b + 1]):
+                c_ = touched[o]
+                if c_ < n:
+                    Y[r * width + c_] -= l_0 * right[b, 0, c_] + l_1 * right[b, 1, c_]
+
+
+@kernel
+def release(
+    sig,
+    v,
+    values,
+    part_start,
+    port_v,
+    port_w,
+    port_first,
+    port_count,
+    port_voltage,
+    coefficient,
+    history,
+    n_linear_ports,
+    bridge_port,
+    bridge_node,
+    bridge_weight,
+    touched_first,
+    touched,
+    constraint,
+    inverse,
+    target,
+    right,
+    stage_share,
+    bridge_mean,
+):
+    """Add what was eliminated to the poles' voltages; means of the step of each bridge.
+
+    `bridge_mean[b]`: constrained part of the pole voltage (alpha, beta), v_dc, power out of the bus, current out of it.
+    """
+    share = stage_share[1]
+    for b in range(bridge_port.shape[0]):
+        A, B = bridge_port[b, 0], bridge_port[b, 1]
+        if constraint[b, 0] > 0.5:
+            t_0, t_1 = target[b, 0], target[b, 1]
+            for m in range(touched_first[b], touched_first[b + 1]):
+                node = touched[m]
+                t_0 -= right[b, 0, node] * v[node]
+                t_1 -= right[b, 1, node] * v[node]
+            w_0 = inverse[b, 0] * t_0 + inverse[b, 1] * t_1
+            w_1 = inverse[b, 2] * t_0 + inverse[b, 3] * t_1
+            if constraint[b, 0] < 1.5:
+                w_0, w_1 = constraint[b, 1] * w_0, constraint[b, 2] * w_0
+            port_voltage[A] += w_0
+            bridge_mean[b, 0] += share * w_0
+            if B >= 0:
+                port_voltage[B] += w_1
+                bridge_mean[b, 1] += share * w_1
+            if n_linear_ports <= A:  # a machine takes its voltages from the flat vector
+                sig[port_v[A]] = port_voltage[A]
+                sig[port_v[B]] = port_voltage[B]
+        power = 0.0
+        for axis in range(2):
+            j = bridge_port[b, axis]
+            if j >= 0:
+                i = history[j]
+                row = part_start[5] + port_w[j]
+                for c in range(port_count[j]):
+                    i += values[row + c] * port_voltage[port_first[j] + c]
+                power += port_voltage[j] * i
+        v_dc = v[bridge_node[b]]
+        power *= bridge_weight[b]
+        bridge_mean[b, 2] += share * v_dc
+        bridge_mean[b, 3] += share * power
+        if np.abs(v_dc) > 1e-6:
+            bridge_mean[b, 4] += share * power / v_dc
+
+
+@kernel
+def settle_legs(
+    sig,
+    v,
+    values,
+    part_start,
+    port_w,
+    port_first,
+    port_count,
+    port_voltage,
+    history,
+    coefficient,
+    leg_first,
+    leg_lo,
+    leg_hi,
+    leg_state,
+    leg_s,
+    bridge_port,
+    bridge_s,
+    bridge_mean,
+    constraint,
+    clamp,
+    clamp_node,
+    conduct,
+):
+    """After a step: change the state of every leg that breaks (conduction-1); true if the step stands."""
+    changed = 0
+    for k in range(clamp.shape[0]):
+        wanted = 1 if v[clamp_node[k]] < -SMALL else 0
+        if wanted != clamp[k] and conduct[1] < ROUNDS:
+            clamp[k] = wanted
+            changed += 1
+    if conduct[0] == 0 and changed == 0:
+        return True
+    one_by_one = conduct[1] >= ALL_AT_ONCE
+    worst, worst_leg, worst_state = 0.0, -1, 0
+    for b in range(bridge_port.shape[0]):
+        first, last = leg_first[b], leg_first[b + 1]
+        n_legs = last - first
+        any_free = False
+        for k in range(first, last):
+            if leg_state[k] != DRIVEN:
+                any_free = True
+        if not any_free:
+            continue
+        A, B = bridge_port[b, 0], bridge_port[b, 1]
+        row = part_start[5] + port_w[A]
+        i_a, i_b = history[A], 0.0
+        for c in range(port_count[A]):
+            i_a += values[row + c] * port_voltage[port_first[A] + c]
+        if B >= 0:
+            i_b = history[B]
+            row = part_start[5] + port_w[B]
+            for c in range(port_count[B]):
+                i_b += values[row + c] * port_voltage[port_first[B] + c]
+        v_dc = bridge_mean[b, 2]
+        pole_a = coefficient[A] * v_dc + bridge_mean[b, 0]
+        pole_b = (coefficient[B] * v_dc + bridge_mean[b, 1]) if B >= 0 else 0.0
+        v_dc = max(v_dc, 0.0)
+        tolerance = SMALL * (v_dc + np.abs(pole_a) + np.abs(pole_b)) + SMALL
+        # the negative rail's potential against the star point: from a leg that conducts, or from what all allow
+        rail, reference = 0.0, -1
+        if n_legs == 3:
+            for k in range(3):
+                if leg_state[first + k] != FLOATING:
+                    reference = k
+            if reference >= 0:
+                axis = AXIS[reference]
+                rail = leg_s[first + reference] * v_dc - (axis[0] * pole_a + axis[1] * pole_b)
+            else:
+                low, high, lowest, highest = -np.inf, np.inf, 0, 0
+                for k in range(3):
+                    phase = AXIS[k][0] * pole_a + AXIS[k][1] * pole_b
+                    if sig[leg_lo[first + k]] * v_dc - phase > low:
+                        low, lowest = sig[leg_lo[first + k]] * v_dc - phase, k
+                    if sig[leg_hi[first + k]] * v_dc - phase < high:
+                        high, highest = sig[leg_hi[first + k]] * v_dc - phase, k
+                rail = 0.5 * (low + high)
+                if low > high + tolerance:  # the bus is below the line voltage: two diodes conduct
+                    conduct_now = not one_by_one
+                    if one_by_one and low - high > worst:
+                        conduct_now = True
+                    if conduct_now:
+                        leg_state[first + lowest] = AT_LO
+                        leg_state[first + highest] = AT_HI
+                        changed += 1
+                        place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
+                    continue
+        moved = False
+        for k in range(n_legs):
+            leg = first + k
+            state = leg_state[leg]
+            if state == DRIVEN:
+                continue
+            axis = AXIS[k]
+            lo, hi = sig[leg_lo[leg]], sig[leg_hi[leg]]
+            wanted, by = state, 0.0
+            if state == FLOATING:
+                potential = axis[0] * pole_a + axis[1] * pole_b + rail
+                if potential > hi * v_dc + tolerance:
+                    wanted, by = AT_HI, potential - hi * v_dc
+                elif potential < lo * v_dc - tolerance:
+                    wanted, by = AT_LO, lo * v_dc - potential
+                elif v_dc > 1.0:
+                    leg_s[leg] = potential / v_dc
+            else:
+                i = axis[0] * i_a + axis[1] * i_b
+                if (state == AT_LO and i < -SMALL_A) or (state == AT_HI and i > SMALL_A):
+                    wanted, by = FLOATING, np.abs(i)
+            if wanted != state:
+                if one_by_one:
+                    if by > worst:
+                        worst, worst_leg, worst_state = by, leg, wanted
+                else:
+                    leg_state[leg] = wanted
+                    moved = True
+                    changed += 1
+        if moved:
+            place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
+    if worst_leg >= 0:
+        leg_state[worst_leg] = worst_state
+        changed += 1
+        for b in range(bridge_port.shape[0]):
+            if leg_first[b] <= worst_leg < leg_first[b + 1]:
+                place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
+    conduct[1] += 1
+    conduct[2] = changed
+    return changed == 0 or conduct[1] >= ROUNDS
+
+
+@kernel
+def unsettled(conduct):
+    """Whether the legs of the last step found no state that stands."""
+    return conduct[1] >= ROUNDS and conduct[2] > 0
+
+
+@kernel
+def meter_bridges(sig, leg_first, leg_s, leg_state, bridge_port, bridge_s, bridge_meter, bridge_mean, conduct):
+    """Publish what each bridge did in the step: switching function in force, currents, power."""
+    for b in range(bridge_port.shape[0]):
+        if conduct[0] > 0:
+            first = leg_first[b]
+            if bridge_port[b, 1] < 0:
+                sig[bridge_s[b, 0]] = leg_s[first]
+            else:
+                s_a, s_b, s_c = leg_s[first], leg_s[first + 1], leg_s[first + 2]
+                sig[bridge_s[b, 0]] = (2.0 * s_a - s_b - s_c) / 3.0
+                sig[bridge_s[b, 1]] = (s_b - s_c) / SQRT3
+        m = bridge_meter[b]
+        sig[m] = bridge_mean[b, 4]
+        sig[m + 1] = bridge_mean[b, 3]
+        sig[m + 2] = -bridge_mean[b, 4]
+        sig[m + 3] = -bridge_mean[b, 3]
+
+
+@kernel
+def lead_samples(
+    sig, h, node_signal, lead_state, lead_bridge, lead_axis, lead_rate, leg_first, leg_lead, bridge_node, lead
+):
+    """What the currents sampled inside the step lie beside their chord, since the poles' voltages are not constant."""
+    for k in range(lead_state.shape[0]):
+        b = lead_bridge[k]
+        first = leg_first[b]
+        if leg_first[b + 1] - first == 1:
+            ahead = sig[leg_lead[first]]
+        elif lead_axis[k] == 0:
+            ahead = (2.0 * sig[leg_lead[first]] - sig[leg_lead[first + 1]] - sig[leg_lead[first + 2]]) / 3.0
+        else:
+            ahead = (sig[leg_lead[first + 1]] - sig[leg_lead[first + 2]]) / SQRT3
+        lead[lead_state[k]] = h * lead_rate[k] * ahead * sig[node_signal[bridge_node[b]]]
