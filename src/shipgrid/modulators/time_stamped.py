@@ -130,13 +130,14 @@ def pulse(phase, end, turns, fraction, before, after):
     on = turns * after + on_time(end, after)
     edges = (2.0 * turns if 0.0 < after < 1.0 else 0.0) + edges_until(end, after)
     if fraction < 0.0:
-        return (on - on_time(phase, before)) / advance, 0.0, edges - edges_until(phase, before)
+        s = (on - on_time(phase, before)) / advance
+        return clip(s, 0.0, 1.0), 0.0, edges - edges_until(phase, before)  # beyond 0 or 1 there is only rounding
     at = phase + fraction * advance
     first = on_time(at, before) - on_time(phase, before)
     s = (first + on - on_time(at, after)) / advance
     edges += edges_until(at, before) - edges_until(phase, before) - edges_until(at, after)
     jump = 1.0 if is_on(at, before) != is_on(at, after) else 0.0
-    return s, first / advance - fraction * s, edges + jump
+    return clip(s, 0.0, 1.0), first / advance - fraction * s, edges + jump
 
 
 @kernel
@@ -208,7 +209,7 @@ def drive(phase, advance, fraction, before, after, dead, shortest, on, stood):
             stop = 1.0
         place -= np.floor(place)
     lead = 0.0 if fraction < 0.0 else first - fraction * 0.5 * (lo + hi)
-    return lo, hi, lead, edges, postponed, on, minimum(stood, maximum(dead, shortest))
+    return minimum(lo, 1.0), minimum(hi, 1.0), lead, edges, postponed, on, minimum(stood, maximum(dead, shortest))
 
 
 class LegState:
