@@ -210,7 +210,7 @@ def test_the_integral_of_s_does_not_depend_on_the_step(h):
 
 @pytest.mark.parametrize("duty", [0.0, 1e-3, 0.25, 0.62, 0.999, 1.0])
 def test_a_carrier_period_holds_its_duty_ratio_whatever_the_step(duty):
-    for inc, den in ((1, 1), (1, 7), (3, 20), (243, 5000), (997, 1000), (1, 100000)):
+    for inc, den in ((1, 1), (1, 7), (3, 20), (243, 5000), (997, 1000), (1, 10000)):
         clock, found = 0, []
         for _ in range(den):
             before, clock = clock, clock + inc
