@@ -37,7 +37,7 @@ from shipgrid.model.ops import clip, minimum
 from shipgrid.units import Ampere, Henry, Ohm, Radian, RadianPerSecond, Ratio, Volt, Weber
 
 MOST = 64
-"""Crossings a step. The motor of the ferry has two or three at most; a band of 1 A at a step of 100 us has fifty."""
+"""Crossings a step. The ferry's motor at 30 us has two at most; with a band of 1 A, at 90 us, it has ten."""
 
 
 class HysteresisState:
