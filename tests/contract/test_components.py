@@ -96,7 +96,7 @@ class Bench:
         p, tables = parameter_record(self.item, scalar)
         position = {"position": 1.0} if kind.name == "DieselEngine" else {}  # a cell of the line, a whole number
         return {
-            "t": 0.1, "dt": 1e-3, "gh": GH, "fraction": 0.4,
+            "t": 0.1, "dt": 1e-3, "gh": GH, "fraction": 0.4, "phase": 0.9, "phase_next": 0.3,
             "p": p, "tables": tables, "delays": np.linspace(0.0, 1.0, 64),
             "x": make_record(kind.state, self.values["x"] | position, scalar),
             "x_next": make_record(kind.state, self.values["x"] | position, scalar),

@@ -298,7 +298,16 @@ def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
     inner: list[str] = []
     if "modulate" in kernels:
         name = imported(kernels["modulate"], f"{key}_modulate")
-        inner = [*_gather_lines(key, "now"), f"{name}({_pass(kernels['modulate'], key, fraction='clock_ahead[c]')})"]
+        step = _pass(kernels["modulate"], key, dt="h", fraction="clock_ahead[c]", phase="start", phase_next="end")
+        phases = [  # of the clock, in periods: a step's end is the very number at which the next one starts
+            "start = (clock_phase[c] - clock_inc[c] + (clock_den[c] if clock_ahead[c] >= 0.0 else 0)) / clock_den[c]",
+            "end = clock_phase[c] / clock_den[c]",
+        ]
+        inner = [
+            *_gather_lines(key, "now"),
+            *(phases if "phase" in argument_names(kernels["modulate"]) else []),
+            f"{name}({step})",
+        ]
         return lines + [f"    {line}" for line in [f"c = {key}_clock[i]", *inner]]
     sampled = "update" in kernels
     period = "clock_period[c]"
