@@ -203,7 +203,9 @@ def weave(plan: Plan) -> str:
         *(f"        {line}" for line in calls),
         f"        if {_shared(bookkeeping.record)}:",
         f"            {books}",
-        f"            {_shared(bookkeeping.audit)}",
+        f"            wrong = {_shared(bookkeeping.audit)}",
+        "            if wrong >= 0:",
+        "                bad = wrong",
         "        if bad >= 0:",
         "            return -(k + 1)",
         "    return n_steps",
@@ -383,6 +385,7 @@ def _network(
     return [
         _shared(bookkeeping.remember),
         _shared(nodal.begin_step),
+        *["if moved[0] != 0:", f"    {_shared(bookkeeping.book_contacts)}"],
         *machine_function("begin", begin),
         *[history, *machine_function("first_stamp", first), copied, solved, advanced, *advances],
         _shared(nodal.second_stage),

@@ -103,6 +103,7 @@ class NetworkWork(NamedTuple):
     v_start: np.ndarray  # at the step's start
     v_stage: np.ndarray  # where the stage starts
     norton: np.ndarray  # (machines, 6)
+    moved: np.ndarray  # (1,) 1 once a contact has moved, until the books have it
 
 
 @kernel
@@ -135,6 +136,7 @@ def begin_step(
     term_y,
     term_factor,
     Y_linear,
+    moved,
 ):
     """What both stages share: the start, the positions of the contacts, the admittances of the linear elements."""
     for k in range(state_signal.shape[0]):
@@ -147,6 +149,7 @@ def begin_step(
         wanted = int(sig[element_variant[e]])
         if wanted != position[e]:
             position[e] = wanted
+            moved[0] = 1
             first = slot_start[e]
             n = slot_start[e + 1] - first
             if wanted < 0 or wanted >= element_positions[e]:
