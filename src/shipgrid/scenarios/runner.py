@@ -34,6 +34,8 @@ from shipgrid.scenarios.results import Results, citation_keys, open_results
 
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
+TRIAL_STEPS = 2000
+"""Steps that are timed to tell how long a run will take: some ten milliseconds."""
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
 BYTES_PER_VALUE = 16
@@ -108,6 +110,7 @@ def simulate(
     out: str | Path | None = None,
     report: bool = True,
     progress: Progress | None = None,
+    planned: Callable[[float], None] | None = None,
     overrides: Mapping[str, str] | None = None,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
@@ -128,6 +131,8 @@ def simulate(
         Whether to write `report.html`.
     progress : callable, optional
         Called with simulated time and end time [s] several times a second.
+    planned : callable, optional
+        Called once, before the first step, with the wall-clock time [s] that all steps will take, judged by a trial.
     overrides : mapping of str to str, optional
         `--set` entries the ship and the scenario were made with, for `run.yaml`.
 
@@ -165,6 +170,8 @@ def simulate(
         folder.discard()
         raise
     run = Run(plan, work)
+    if planned is not None:
+        planned(time_of_a_step(plan, work) * round(end / h))
     try:
         _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began)
     except (OSError, RuntimeError) as error:  # the disk is full, say
@@ -177,6 +184,26 @@ def simulate(
     if run.failure:
         raise SolverError(f"{run.failure}; results up to then are in {final}")
     return open_results(final)
+
+
+def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
+    """Wall-clock time [s] of a step, by a trial on a copy.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Where to begin; not changed.
+    steps : int
+        Length of the trial.
+    """
+    trial = work.snapshot()
+    steps = min(steps, plan.step.record_every * (CHUNK_ROWS - 2))  # nobody empties the trial's buffers
+    entry, values = woven_entry(plan), arguments(plan, trial)
+    entry(1, trial.n, *values)  # with the compiler's work in it, where nothing has run yet
+    began = time.perf_counter()
+    entry(steps, trial.n + 1, *values)
+    return (time.perf_counter() - began) / steps
 
 
 def _record(
@@ -467,7 +494,7 @@ def _run_yaml(
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
-        "# Written by shipgrid: everything needed to repeat this run.",
+        "# Written by shipgrid: everything needed to repeat this run, with `shipgrid run` and the path of this file.",
         "schema: 1",
         f"fidelity: {fidelity}",
         f"step: {step!r} s",
@@ -476,9 +503,9 @@ def _run_yaml(
         f"commit: {about['commit']}",
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
-        "ship: |",
+        "ship: |2",  # the indentation said, whatever the text begins with
         *(f"  {line}" for line in ship.text.splitlines()),
-        "scenario: |",
+        "scenario: |2",
         *(f"  {line}" for line in scenario.text.splitlines()),
         "",
     ]
