@@ -19,6 +19,7 @@ import typer
 
 VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
 LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
+SCHEMAS = ("ship", "scenario")
 FIDELITIES = ("averaged", "switching")
 
 app = typer.Typer(
@@ -104,12 +105,22 @@ def live(
 
 
 @app.command()
-def check(files: Annotated[list[Path], typer.Argument(help="Ship and scenario files.")]) -> None:
+def check(
+    files: Annotated[list[Path] | None, typer.Argument(help="Ship and scenario files.")] = None,
+    schema: Annotated[
+        str | None, typer.Option(help="Print the JSON Schema of such files, for editors.", metavar="|".join(SCHEMAS))
+    ] = None,
+) -> None:
     """Validate files: every error at once, as file:line: path: what is wrong, what is expected.
 
     Scenarios are checked for the ships given with them, or for the ferry.
     """
     with _errors_as_exit_status():
+        if schema is not None:
+            _print_schema(schema, files)
+            return
+        if not files:
+            _refuse("check: no files given, expected ship and scenario files, or --schema ship|scenario")
         from shipgrid.errors import InputErrors
         from shipgrid.io.run_file import is_run_file, read_run_file
         from shipgrid.io.scenario_file import read_scenario
@@ -133,6 +144,17 @@ def check(files: Annotated[list[Path], typer.Argument(help="Ship and scenario fi
         if problems:
             raise InputErrors(list(dict.fromkeys(problems)))
         typer.echo(f"{len(files)} file{'s' if len(files) > 1 else ''} checked, no mistakes found")
+
+
+def _print_schema(what: str, files: list[Path] | None) -> None:
+    from shipgrid.io import schema
+
+    if what not in SCHEMAS:
+        _refuse(f"--schema: no schema of the name '{what}'{_nearest(what, SCHEMAS)}, expected {' or '.join(SCHEMAS)}")
+    if files:
+        _refuse("--schema: prints a schema and checks no files, expected one or the other")
+    made = schema.ship_schema() if what == "ship" else schema.scenario_schema()
+    typer.echo(json.dumps(made, indent=2))
 
 
 @app.command()
