@@ -44,7 +44,7 @@ def means(run: sg.Results) -> dict[tuple[str, str], float]:
         for name in run.signals:
             if name.endswith((".mode", "distance", "soc")):
                 continue
-            series = run[name].sel(time=slice(start, end))
+            series = run[f"{name}_mean"].sel(time=slice(start, end))
             if len(series):
                 found[window, name] = float(series.mean())
     return found

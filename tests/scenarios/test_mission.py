@@ -28,7 +28,7 @@ def window(run, name, start, end):
 
 
 def mean(run, name, start, end):
-    return float(window(run, name, start, end).mean())
+    return float(window(run, f"{name}_mean", start, end).mean())
 
 
 def test_every_requirement_of_the_scenario_is_met(mission):

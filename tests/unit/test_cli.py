@@ -232,10 +232,25 @@ def test_plot_draws_a_window_of_a_run(tmp_path):
     assert out.read_text().startswith("<?xml")
 
 
-def test_bench_prints_json(monkeypatch):
+def test_bench_measures_every_bundled_case_cold_and_warm(monkeypatch):
     from shipgrid.cli import bench
 
-    monkeypatch.setattr(bench, "measure", lambda: {"us_per_step_median": 3.3, "version": "0"})
+    asked = []
+
+    def in_a_process(cache, ship, scenario, steps):
+        asked.append((ship, scenario, len(list(Path(cache).iterdir())), len(steps) > 0))
+        (Path(cache) / f"compiled{len(asked)}").touch()
+        return {"cpu_s": 1.5, **({"steps": {"30 us": {"median_us": 3.25}}} if steps else {})}
+
+    monkeypatch.setattr(bench, "_in_a_process", in_a_process)
     result = shipgrid("bench", "--json")
-    assert json.loads(result.stdout) == {"us_per_step_median": 3.3, "version": "0"}
-    assert "3.3" in shipgrid("bench").stdout
+    assert result.exit_code == 0, result.output
+    cases = [(ship, scenario) for ship in bundled("ship") for scenario in bundled("scenario")]
+    assert [a[:2] for a in asked] == [case for case in cases for _ in range(2)]
+    assert asked[0] == ("ferry", "mission", 0, False)  # cold: nothing compiled
+    assert asked[1] == ("ferry", "mission", 1, True)
+    figures = json.loads(result.stdout)
+    assert figures["cases"]["ferry mission"]["cold"] == {"cpu_s": 1.5}
+    assert {"version", "commit", "numba"} <= set(figures)
+    table = shipgrid("bench").stdout
+    assert "cases.ferry mission.steps.30 us.median_us" in table and "3.25" in table

@@ -106,3 +106,14 @@ def test_a_value_that_is_not_a_number_violates_and_is_still_valid_json():
 def test_a_requirement_that_makes_no_sense_is_refused(limits, message):
     with pytest.raises(ParameterError, match=message):
         asked(**limits)
+
+
+def test_a_mean_is_taken_of_the_recorded_means_of_the_intervals_wholly_inside_the_window():
+    """A ripple that the samples always meet at its crest: the samples say 1, the signal's mean is 0."""
+    time = np.array([0.0, 1.0, 2.0, 4.0, 5.0])
+    kept = Series(time, np.ones(5), -np.ones(5), np.ones(5), "V", np.array([1.0, 7.0, 0.3, -0.3, 9.0]))
+    verdict = judge(asked(mean=[-0.2, 0.2], **{"from": 1.0, "until": 4.5}), kept)
+    assert verdict.verdict == "met"
+    assert verdict.value == pytest.approx((0.3 * 1.0 - 0.3 * 2.0) / 3.0)  # the rows at 2 and 4
+    assert judge(asked(mean=[-0.2, 0.2], **{"from": 1.2, "until": 4.5}), kept).value == pytest.approx(-0.3)
+    assert judge(asked(band=[-0.5, 0.5], **{"from": 1.0, "until": 4.5}), kept).verdict == "violated"  # extremes decide

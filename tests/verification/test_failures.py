@@ -15,17 +15,19 @@ from typer.testing import CliRunner
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.cli.main import app
+from shipgrid.components.mechanical.shaft import Shaft
 from shipgrid.controllers.blocks.pi import PiState, pi
+from shipgrid.controllers.governor_degov1 import Degov1
 from shipgrid.errors import ParameterError, SolverError
 from shipgrid.io.scenario_file import load_scenario
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Network, Sampled
+from shipgrid.model.network import Every, Network, Sampled
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.results import open_results
 from shipgrid.scenarios.runner import Run, go
-from shipgrid.units import PerSecond, Ratio, Volt
-from verification.circuits import SourceBranch
+from shipgrid.units import NewtonMetre, PerSecond, Ratio, Volt
+from verification.circuits import Hold, SourceBranch
 
 STEP, V_N = 30e-6, 200.0
 SCENARIO = """\
@@ -138,6 +140,86 @@ def test_a_number_that_is_none_stops_the_run_within_a_few_steps():
     go(run, [], 2.0)
     assert run.work.n <= 2 * round(1 / 5e3 / STEP) + 3  # a sampling period, until it is in force
     assert "nan" in run.failure
+
+
+class TorqueOutput:
+    tau: NewtonMetre = signal("torque")
+
+
+@kernel
+def constant_torque(p, y):
+    y.tau = p.tau_0
+
+
+@component(output=TorqueOutput, outputs=constant_torque, stage="outer")
+class Torque:
+    """Gives a torque, whatever it is."""
+
+    tau_0: NewtonMetre = param("torque")
+
+
+def beside_a_bus(add) -> Network:
+    """A bus at rest, which nothing of what `add` puts beside it can disturb."""
+    net = Network("quiet")
+    bus = net.dc_bus("bus", V_N)
+    net.capacitance(bus, 1e-3)
+    net.conductance(bus, 0.05)
+    add(net)
+    return net
+
+
+def governor(net, K):
+    net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
+    net.add("governor", Degov1(K=K), inputs={"omega": "speed.value", "omega_ref": 1.0}, clock=Every(0.5e-3))
+
+
+def shaft(net, tau):
+    net.add("motor", Torque(tau_0=tau))
+    net.add("shaft", Shaft(), inputs={"tau_e": "motor.tau"})
+
+
+def regulator(net, K_p):
+    net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
+    net.add("regulator", Regulator(K_p=K_p, K_i=20.0), inputs={"v": "bus.v_dc"}, clock=Sampled(5e3))
+
+
+@pytest.mark.parametrize(
+    ("add", "sane", "absurd", "named", "limit"),
+    [
+        (governor, 8.0, 8e9, "governor.z_2", 1e6),
+        (shaft, 2e3, 5e7, "shaft.omega_m", 1e3),
+        (shaft, 2e3, 1e12, "motor.tau", 1e9),
+        (regulator, 0.1, 1e9, "regulator.e", 1e6),
+    ],
+)
+def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecond(add, sane, absurd, named, limit):
+    plan = assemble(beside_a_bus(lambda net: add(net, sane)), STEP)
+    run = Run(plan, new_workspace(plan))
+    go(run, [], 0.5)
+    assert not run.failure
+
+    plan = assemble(beside_a_bus(lambda net: add(net, absurd)), STEP)
+    run = Run(plan, new_workspace(plan))
+    go(run, [], 0.5)
+    assert run.failure.startswith(f"diverged at {run.t:.6f} s: {named}"), run.failure
+    assert run.work.sig[plan.layout.index["bus.v_dc"]] == 0.0  # no bus could have told
+    watched = new_workspace(plan)
+    entry = woven_entry(plan)
+    while np.abs(watched.sig[plan.layout.index[named]]) <= limit:  # step by step, to the first absurd one
+        entry(1, watched.n, *arguments(plan, watched))
+        watched.n += 1
+        assert watched.n < 20_000
+    assert 0.0 <= run.t - watched.n * STEP <= 1e-3 + 1e-9
+
+
+def test_a_control_signal_that_is_no_number_is_seen_although_every_bus_is_well():
+    plan = assemble(beside_a_bus(lambda net: governor(net, 8.0)), STEP)
+    work = new_workspace(plan)
+    work.sig[plan.layout.index["governor.a_1"]] = np.nan
+    run = Run(plan, work)
+    go(run, [], 0.5)
+    assert run.t <= 1e-3 + STEP
+    assert "governor." in run.failure and "nan" in run.failure
 
 
 def test_results_up_to_the_failure_are_kept(ferry, scenario, tmp_path):

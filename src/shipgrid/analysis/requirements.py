@@ -8,7 +8,8 @@ A requirement names a signal, a window of time and one measure of the signal in 
     abs_max  no magnitude above
     mean     the time average inside [low, high]
 
-Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed.
+Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed; where it
+kept means, they are what is averaged, so that a ripple between samples falls out.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ class Series(NamedTuple):
         Extremes over the interval that ends at each instant.
     unit : str
         Unit of the values.
+    mean : ndarray, shape (n,), or None
+        Means over the interval that ends at each instant.
     """
 
     time: np.ndarray
@@ -43,6 +46,7 @@ class Series(NamedTuple):
     low: np.ndarray | None
     high: np.ndarray | None
     unit: str
+    mean: np.ndarray | None = None
 
 
 class Recorded(Protocol):
@@ -248,8 +252,13 @@ def _window(series: Series, start: float, end: float) -> tuple[np.ndarray, np.nd
 
 
 def _time_average(series: Series, start: float, end: float) -> float:
-    """Trapezoidal time average over the recorded part of the window."""
+    """Time average over the recorded part of the window: of the intervals wholly in it, else trapezia of the values."""
     inside = (series.time >= start) & (series.time <= end)
+    if series.mean is not None:
+        begins = np.concatenate([series.time[:1], series.time[:-1]])
+        whole = inside & (begins >= start) & (begins < series.time)
+        if whole.any():
+            return float(np.average(series.mean[whole].astype(float), weights=(series.time - begins)[whole]))
     t, value = series.time[inside], series.value[inside].astype(float)
     if len(t) == 1:
         return float(value[0])

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import settle_outputs
@@ -39,10 +40,9 @@ def advance(plan: Plan, work: Workspace, seconds: float) -> None:
     while left > 0:
         n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
         done = entry(n, work.n, *values)
+        work.n += abs(done)
         if done < 0:
-            when = (work.n - done) * plan.h
-            raise SteadyStateError(f"no operating point: the run towards it diverged at {when:.4f} s")
-        work.n += n
+            raise SteadyStateError(f"no operating point: the run towards it {culprit(plan, work)}")
         work.step.rows[:] = 0
         work.step.event_count[0] = 0
         left -= n
@@ -190,8 +190,7 @@ def fresh(plan: Plan, work: Workspace) -> Workspace:
     work.n = 0
     step = work.step
     step.rows[:] = 0
-    step.low_now[:] = np.inf
-    step.high_now[:] = -np.inf
+    step.interval[:] = np.inf, -np.inf, 0.0
     step.energy[:] = 0.0
     step.limiter_time[:] = 0.0
     step.limiter_was[:] = 0.0

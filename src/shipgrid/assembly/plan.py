@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from shipgrid.assembly.contacts import energy_of_contacts
 from shipgrid.assembly.layout import ONE, Layout, lay_out
+from shipgrid.assembly.plausible import largest_plausible
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, fields_of, type_of
 from shipgrid.model.network import AcBus, DcBus, Every, Legs, Network, Placed, Sampled
@@ -39,9 +41,9 @@ class StepPlan(NamedTuple):
     due_start: np.ndarray  # (clocks + 1,) first entry of `due_type` of each clock
     due_type: np.ndarray  # numbers of the component types with an instance on it
     kept: np.ndarray  # places of the measured network quantities, remembered for interpolation
-    recorded: np.ndarray  # (signals,) places of the signals of the first group
+    recorded: np.ndarray  # (signals,) places of the signals of the group `plant`, then of `slow`
+    n_plant: int
     record_every: int
-    slow: np.ndarray
     slow_every: int
     audit_every: int
     shunt_node: np.ndarray
@@ -50,6 +52,14 @@ class StepPlan(NamedTuple):
     limiters: np.ndarray
     watched: np.ndarray
     tables: np.ndarray
+    absurd: np.ndarray  # (flat vector,) magnitude of each signal beyond which the run has diverged
+    # energy of the states that a position of a contact puts to zero: sum of s x_a x_b
+    drop_first: np.ndarray  # (switched elements,) first row of each, one row a position
+    drop_row: np.ndarray
+    drop_a: np.ndarray
+    drop_b: np.ndarray
+    drop_s: np.ndarray
+    drop_ledger: np.ndarray  # (switched elements,) where in `energy` it is booked
 
 
 class StepWork(NamedTuple):
@@ -63,12 +73,9 @@ class StepWork(NamedTuple):
     lead: np.ndarray  # what a signal sampled inside the last step lies beside its chord; see `conduction.lead_samples`
     delays: np.ndarray
     rows: np.ndarray  # (2,) rows filled in each group
-    value: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    low_now: np.ndarray
-    high_now: np.ndarray
-    slow_value: np.ndarray
+    plant_rows: np.ndarray  # (4, rows, signals): values, and lows, highs, means since the row before
+    slow_rows: np.ndarray
+    interval: np.ndarray  # (signals, 3): low, high and sum since the last row
     energy: np.ndarray
     limiter_time: np.ndarray  # (limiters, 3): seconds active, first time, times it came on
     limiter_was: np.ndarray
@@ -146,7 +153,14 @@ EVENTS = 4096
 LEDGERS = ("losses", "supplied", "consumed")
 
 
-def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, record_slow: float = 1.0) -> Plan:
+def assemble(
+    network: Network,
+    step: float = 30e-6,
+    *,
+    record: float = 0.1,
+    record_slow: float = 1.0,
+    audit: float = BOOKKEEPING_PERIOD,
+) -> Plan:
     """Turn a network into a plan.
 
     Parameters
@@ -157,6 +171,8 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         Step length [s].
     record, record_slow : float
         Sampling periods [s] of the recorder groups `plant` and `slow`.
+    audit : float
+        Period [s] of the bookkeeping: energy audit, limiter and event log, check for absurd values.
 
     Returns
     -------
@@ -191,6 +207,8 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         for ledger in LEDGERS
         if ledger in t.kind.kernels
     ]
+    drops, lost = energy_of_contacts(layout, energy_items)
+    energy_items += lost
     shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
     energy_items += [(path, ledger) for _, _, path, ledger in shunts]
     limiter_paths = [
@@ -218,17 +236,19 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
         due_start=np.cumsum([0, *(len(on) for on in due)]),
         due_type=np.array([k for on in due for k in on], dtype=np.int64),
         kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
-        recorded=places(groups["plant"]),
+        recorded=places(groups["plant"] + groups["slow"]),
+        n_plant=len(groups["plant"]),
         record_every=max(1, round(record / step)),
-        slow=places(groups["slow"]),
         slow_every=max(1, round(record_slow / step)),
-        audit_every=max(1, round(BOOKKEEPING_PERIOD / step)),
+        audit_every=max(1, round(audit / step)),
         shunt_node=np.array([layout.index[node] for node, *_ in shunts], dtype=np.int64),
         shunt_g=np.array([siemens * axis_weight(node) for node, siemens, *_ in shunts]),
         n_energy=len(energy_items),
         limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
         watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),
         tables=layout.tables,
+        absurd=largest_plausible(layout),
+        **drops,
     )
     return Plan(
         network,
@@ -248,7 +268,7 @@ def assemble(network: Network, step: float = 30e-6, *, record: float = 0.1, reco
 
 def new_workspace(plan: Plan) -> Workspace:
     """A workspace at time zero, everything at its declared initial value."""
-    n, groups = plan.net.n_nodes, (len(plan.step.recorded), len(plan.step.slow))
+    n, signals, n_plant = plan.net.n_nodes, len(plan.step.recorded), plan.step.n_plant
     states, ports, bridges = len(plan.net.state_signal), len(plan.net.port_plus), len(plan.net.bridge_port)
     sig = plan.layout.initial.copy()
     net = NetworkWork(
@@ -280,6 +300,7 @@ def new_workspace(plan: Plan) -> Workspace:
         clamp=np.zeros(len(plan.net.clamp_node), dtype=np.int64),
         stage_share=np.zeros(2),
         conduct=np.zeros(3, dtype=np.int64),
+        moved=np.zeros(1, dtype=np.int64),
     )
     step = StepWork(
         due=np.zeros(len(plan.layout.types), dtype=np.int64),
@@ -290,12 +311,9 @@ def new_workspace(plan: Plan) -> Workspace:
         lead=np.zeros(len(sig)),
         delays=np.zeros(max(1, plan.delay_cells)),
         rows=np.zeros(2, dtype=np.int64),
-        value=np.zeros((CHUNK_ROWS, groups[0])),
-        low=np.zeros((CHUNK_ROWS, groups[0])),
-        high=np.zeros((CHUNK_ROWS, groups[0])),
-        low_now=np.full(groups[0], np.inf),
-        high_now=np.full(groups[0], -np.inf),
-        slow_value=np.zeros((CHUNK_ROWS, groups[1])),
+        plant_rows=np.zeros((4, CHUNK_ROWS, n_plant)),
+        slow_rows=np.zeros((4, CHUNK_ROWS, signals - n_plant)),
+        interval=np.tile([np.inf, -np.inf, 0.0], (signals, 1)),
         energy=np.zeros(plan.step.n_energy),
         limiter_time=np.zeros((len(plan.step.limiters), 3)),
         limiter_was=np.zeros(len(plan.step.limiters)),

@@ -1,8 +1,14 @@
-"""What `shipgrid warm` compiles and `shipgrid bench` measures: the ferry's mission, from cold files to steps."""
+"""What `shipgrid warm` compiles and `shipgrid bench` measures: the bundled cases, from cold files to steps."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 SPELLS = 40
@@ -14,66 +20,133 @@ SPELL = 0.05
 def warm_up() -> float:
     """Compile everything that a run of the ferry needs; returns the seconds it took."""
     began = time.perf_counter()
-    _, started = _start()
+    _, started = start_case("ferry", "mission")
     _advance(started, 10)
     return time.perf_counter() - began
 
 
 def measure() -> dict[str, Any]:
-    """Times of one start and of many spells of steps, on this machine, one core.
+    """Times of every bundled case, each started in processes of their own, on one core.
 
     Returns
     -------
-    dict of str to float
-        Seconds for reading, assembling, start; microseconds a step as median, mean, 5th, 95th percentile and worst.
+    dict
+        `cases`: by ship and scenario, `cold` and `warm` start (`start_case`, and `process_s` from the start of the
+        process to its first step) and `steps` by step length (`step_times`); and the provenance. The first case of a
+        ship starts with an empty cache, `cold` is then with the compiler; the others find what that one compiled.
     """
-    import numpy as np
+    from shipgrid.errors import InputErrors
+    from shipgrid.io.scenario_file import load_case
+    from shipgrid.io.ship_file import bundled
+    from shipgrid.scenarios import runner
 
-    from shipgrid.scenarios.runner import provenance
-
-    figures, started = _start()
-    steps = round(SPELL / started.plan.h)
-    began = time.perf_counter()
-    _advance(started, steps)
-    figures["first_steps_s"] = time.perf_counter() - began
-    spells = []
-    for _ in range(SPELLS):
-        began = time.perf_counter()
-        _advance(started, steps)
-        spells.append(1e6 * (time.perf_counter() - began) / steps)
-    low, median, high = np.percentile(spells, (5.0, 50.0, 95.0))
-    return {
-        **figures,
-        "step_s": started.plan.h,
-        "us_per_step_median": float(median),
-        "us_per_step_mean": float(np.mean(spells)),
-        "us_per_step_p05": float(low),
-        "us_per_step_p95": float(high),
-        "us_per_step_worst_spell": float(max(spells)),
-        **provenance(started.plan),
-    }
+    cases: dict[str, Any] = {}
+    for ship in bundled("ship"):
+        with tempfile.TemporaryDirectory() as cache:
+            for scenario in bundled("scenario"):
+                try:
+                    loaded = load_case(ship, scenario)[1]
+                except InputErrors:  # a scenario for another ship
+                    continue
+                steps = sorted({runner.DEFAULT_STEP, loaded.step or runner.DEFAULT_STEP})
+                cold, warm = _in_a_process(cache, ship, scenario, []), _in_a_process(cache, ship, scenario, steps)
+                cases[f"{ship} {scenario}"] = {"cold": cold, "steps": warm.pop("steps"), "warm": warm}
+    return {"cases": cases, **runner.provenance(runner.build(load_case("ferry", "mission")[0], runner.DEFAULT_STEP))}
 
 
-def _start() -> tuple[dict[str, Any], Any]:
+def flat(figures: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Names, joined by points, and values of nested figures."""
+    for name, value in figures.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value
+
+
+def start_case(ship: str, scenario: str) -> tuple[dict[str, Any], Any]:
+    """Start a bundled case: seconds for imports, reading, assembling, start (with the compiler's), and the run."""
     began = time.perf_counter()
     from shipgrid.io.scenario_file import load_case
     from shipgrid.scenarios import runner
 
     imported = time.perf_counter()
-    ship, scenario = load_case("ferry", "mission")
+    loaded_ship, loaded_scenario = load_case(ship, scenario)
     read = time.perf_counter()
-    plan = runner.build(ship, runner.DEFAULT_STEP)
+    plan = runner.build(loaded_ship, runner.DEFAULT_STEP)
     built = time.perf_counter()
-    # With the compiler's work in it where its cache is cold.
-    work, _ = runner.start(plan, ship, scenario)
+    work, _ = runner.start(plan, loaded_ship, loaded_scenario)
     started = time.perf_counter()
+    run = runner.Run(plan, work)
+    _advance(run, 1)
     figures = {
         "import_s": imported - began,
         "read_s": read - imported,
         "assemble_s": built - read,
         "start_s": started - built,
+        "first_step_s": time.perf_counter() - started,
+        "cpu_s": time.process_time(),
     }
-    return figures, runner.Run(plan, work)
+    return figures, run
+
+
+def step_times(ship: str, scenario: str, step: float) -> dict[str, float]:
+    """Time of a step [us] from the start of a case on: median, mean, percentiles and worst of `SPELLS` spells.
+
+    Parameters
+    ----------
+    ship, scenario : str
+        Names of bundled ones.
+    step : float
+        Step [s].
+    """
+    import numpy as np
+
+    from shipgrid.io.scenario_file import load_case
+    from shipgrid.scenarios import runner
+
+    loaded_ship, loaded_scenario = load_case(ship, scenario)
+    plan = runner.build(loaded_ship, step)
+    work, _ = runner.start(plan, loaded_ship, loaded_scenario)
+    run = runner.Run(plan, work)
+    steps = round(SPELL / step)
+    _advance(run, steps)
+    spells = []
+    for _ in range(SPELLS):
+        began = time.perf_counter()
+        _advance(run, steps)
+        spells.append(1e6 * (time.perf_counter() - began) / steps)
+    low, median, high = np.percentile(spells, (5.0, 50.0, 95.0))
+    return {
+        "median_us": float(median),
+        "mean_us": float(np.mean(spells)),
+        "p05_us": float(low),
+        "p95_us": float(high),
+        "worst_us": float(max(spells)),
+    }
+
+
+def child(ship: str, scenario: str, steps: list[float]) -> None:
+    """What a process of its own does for `measure`: prints its figures as JSON."""
+    figures, _ = start_case(ship, scenario)
+    figures["first_step_at"] = time.time()
+    if steps:
+        figures["steps"] = {f"{1e6 * h:g} us": step_times(ship, scenario, h) for h in steps}
+    sys.stdout.write(json.dumps(figures))
+
+
+def _in_a_process(cache: str, ship: str, scenario: str, steps: list[float]) -> dict[str, Any]:
+    code = f"from shipgrid.cli.bench import child; child({ship!r}, {scenario!r}, {steps!r})"
+    began = time.time()
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "SHIPGRID_CACHE": cache},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    figures = json.loads(done.stdout)
+    figures["process_s"] = figures.pop("first_step_at") - began
+    return figures
 
 
 def _advance(run: Any, steps: int) -> None:

@@ -19,6 +19,7 @@ import typer
 
 VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
 LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
+SCHEMAS = ("ship", "scenario")
 FIDELITIES = ("averaged", "switching")
 
 app = typer.Typer(
@@ -29,9 +30,16 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-ScenarioArgument = Annotated[str, typer.Argument(help="A bundled scenario by name, or a .yaml file.")]
+ScenarioArgument = Annotated[str, typer.Argument(help="A bundled scenario by name, a .yaml file, or a run.yaml.")]
 ShipOption = Annotated[str, typer.Option(help="A bundled ship by name, or a .yaml file.", metavar="NAME|FILE")]
-FidelityOption = Annotated[str, typer.Option(help="Detail of the converters.", metavar="averaged|switching")]
+RunShipOption = Annotated[
+    str | None,
+    typer.Option(help="A bundled ship by name, or a .yaml file.", metavar="NAME|FILE", show_default="ferry"),
+]
+FidelityOption = Annotated[
+    str | None,
+    typer.Option(help="Detail of the converters.", metavar="averaged|switching", show_default="averaged"),
+]
 StepOption = Annotated[str | None, typer.Option(help="Step, such as 30us.", show_default="the scenario's, or 30us")]
 UntilOption = Annotated[str | None, typer.Option(help="Stop at this time, such as 600s.")]
 SetOption = Annotated[
@@ -51,8 +59,8 @@ WaveformsOption = Annotated[
 @app.command()
 def run(
     scenario: ScenarioArgument = "mission",
-    ship: ShipOption = "ferry",
-    fidelity: FidelityOption = "averaged",
+    ship: RunShipOption = None,
+    fidelity: FidelityOption = None,
     step: StepOption = None,
     until: UntilOption = None,
     set_: SetOption = None,
@@ -61,7 +69,7 @@ def run(
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
 ) -> None:
-    """Run a scenario offline, as fast as it goes."""
+    """Run a scenario offline, as fast as it goes; or repeat a run, given the run.yaml in its folder."""
     with _errors_as_exit_status():
         case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
         if resume:
@@ -78,7 +86,7 @@ def run(
 def live(
     scenario: ScenarioArgument = "mission",
     ship: ShipOption = "ferry",
-    fidelity: FidelityOption = "averaged",
+    fidelity: FidelityOption = None,
     step: StepOption = None,
     until: UntilOption = None,
     set_: SetOption = None,
@@ -97,27 +105,56 @@ def live(
 
 
 @app.command()
-def check(files: Annotated[list[Path], typer.Argument(help="Ship and scenario files.")]) -> None:
+def check(
+    files: Annotated[list[Path] | None, typer.Argument(help="Ship and scenario files.")] = None,
+    schema: Annotated[
+        str | None, typer.Option(help="Print the JSON Schema of such files, for editors.", metavar="|".join(SCHEMAS))
+    ] = None,
+) -> None:
     """Validate files: every error at once, as file:line: path: what is wrong, what is expected.
 
     Scenarios are checked for the ships given with them, or for the ferry.
     """
     with _errors_as_exit_status():
+        if schema is not None:
+            _print_schema(schema, files)
+            return
+        if not files:
+            _refuse("check: no files given, expected ship and scenario files, or --schema ship|scenario")
         from shipgrid.errors import InputErrors
+        from shipgrid.io.run_file import is_run_file, read_run_file
         from shipgrid.io.scenario_file import read_scenario
         from shipgrid.io.ship_file import open_document, read_ship
         from shipgrid.io.yaml_lines import read_document
 
         documents = [read_document(path) for path in files]
-        scenarios = [document for document in documents if "scenario" in document.root]
-        ships = [read_ship(document) for document in documents if document not in scenarios]
-        problems = [line for reading in ships for line in reading.problems.lines()]
+        runs = [document for document in documents if is_run_file(document)]
+        scenarios = [document for document in documents if "scenario" in document.root and document not in runs]
+        ships = [read_ship(document) for document in documents if document not in [*scenarios, *runs]]
+        problems = []
+        for document in runs:
+            try:
+                read_run_file(document)
+            except InputErrors as wrong:
+                problems += wrong.problems
+        problems += [line for reading in ships for line in reading.problems.lines()]
         for scenario in scenarios:
             for reading in ships or [read_ship(open_document("ship", "ferry"))]:
                 problems += read_scenario(scenario, reading.catalogue).problems.lines()
         if problems:
             raise InputErrors(list(dict.fromkeys(problems)))
         typer.echo(f"{len(files)} file{'s' if len(files) > 1 else ''} checked, no mistakes found")
+
+
+def _print_schema(what: str, files: list[Path] | None) -> None:
+    from shipgrid.io import schema
+
+    if what not in SCHEMAS:
+        _refuse(f"--schema: no schema of the name '{what}'{_nearest(what, SCHEMAS)}, expected {' or '.join(SCHEMAS)}")
+    if files:
+        _refuse("--schema: prints a schema and checks no files, expected one or the other")
+    made = schema.ship_schema() if what == "ship" else schema.scenario_schema()
+    typer.echo(json.dumps(made, indent=2))
 
 
 @app.command()
@@ -203,18 +240,16 @@ def warm() -> None:
 def bench(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Measure start-up, compile and step times of the bundled case."""
+    """Measure start-up, compile and step times of the bundled cases (minutes: it compiles everything anew)."""
     with _errors_as_exit_status():
         from shipgrid.cli import listing
-        from shipgrid.cli.bench import measure
+        from shipgrid.cli.bench import flat, measure
 
         figures = measure()
         if as_json:
             typer.echo(json.dumps(figures, indent=2))
         else:
-            rows = [
-                (name, f"{value:.4g}" if isinstance(value, float) else str(value)) for name, value in figures.items()
-            ]
+            rows = [(name, f"{value:.4g}" if isinstance(value, float) else str(value)) for name, value in flat(figures)]
             listing.table("bench", ("figure", "value"), rows)
 
 
@@ -229,8 +264,8 @@ class Case:
 
 def _case(
     scenario: str,
-    ship: str,
-    fidelity: str,
+    ship: str | None,
+    fidelity: str | None,
     step: str | None,
     until: str | None,
     changes: list[str],
@@ -238,7 +273,9 @@ def _case(
 ) -> Case:
     """Read files and options; every mistake of all of them in one go."""
     from shipgrid.errors import InputErrors
-    from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, load_case, step_range
+    from shipgrid.io.run_file import is_run_file, read_run_file
+    from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, read_case, step_range
+    from shipgrid.io.ship_file import open_document
 
     problems: list[str] = []
 
@@ -249,7 +286,7 @@ def _case(
             problems.extend(wrong.problems)
         return None
 
-    if fidelity not in FIDELITIES:
+    if fidelity is not None and fidelity not in FIDELITIES:
         problems.append(f"--fidelity: no fidelity '{fidelity}'{_nearest(fidelity, FIDELITIES)}, expected averaged")
     elif fidelity == "switching":
         problems.append("--fidelity: this version has no switching fidelity yet, expected averaged")
@@ -269,8 +306,18 @@ def _case(
             problems.append(f"--set {text}: is not PATH=VALUE, such as equipment.bess_for.capacity='160 Ah'")
         else:
             overrides.append((path.strip(), value.strip()))
+    document = open_document("scenario", scenario)
     try:
-        loaded_ship, loaded_scenario = load_case(ship, scenario, overrides)
+        if is_run_file(document):
+            if ship is not None:
+                problems.append(f"--ship: {scenario} has its ship in it, expected none")
+            repeated = read_run_file(document, overrides)
+            loaded_ship, loaded_scenario, overrides = repeated.ship, repeated.scenario, list(repeated.overrides.items())
+            fidelity, step_s = fidelity or repeated.fidelity, step_s or repeated.step
+            until_s = until_s or repeated.until
+            _say_version(scenario, repeated)
+        else:
+            loaded_ship, loaded_scenario = read_case(open_document("ship", ship or "ferry"), document, overrides)
     except InputErrors as wrong:
         raise InputErrors([*problems, *wrong.problems]) from None
     if until_s is not None and until_s > loaded_scenario.duration:
@@ -278,8 +325,16 @@ def _case(
         problems.append(f"--until: {until} is after the scenario's end, expected at most {end} (or --set duration)")
     if problems:
         raise InputErrors(problems)
-    options: dict[str, Any] = {"fidelity": fidelity, "step": step_s, "until": until_s, "overrides": dict(overrides)}
-    return Case(loaded_ship, loaded_scenario, options)
+    options: dict[str, Any] = {"fidelity": fidelity or FIDELITIES[0], "step": step_s, "until": until_s}
+    return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
+
+
+def _say_version(path: str, repeated: Any) -> None:
+    """A run repeats to the bit with the program that made it; say so where this is another."""
+    import shipgrid
+
+    if repeated.version != shipgrid.__version__:
+        typer.echo(f"{path} was written by shipgrid {repeated.version}, this is {shipgrid.__version__}", err=True)
 
 
 def _check_window(text: str, problems: list[str]) -> None:
@@ -320,12 +375,23 @@ def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("run", total=end, speed="starting")
 
+        def planned(seconds: float) -> None:
+            each = 1e6 * seconds / round(end / step)
+            console.print(f"about {_duration(seconds)}: {each:.1f} us a step in a trial at the start", soft_wrap=True)
+            bar.reset(task, speed="")
+
         def progress(now: float, total: float) -> None:
             elapsed = bar.tasks[0].elapsed or 0.0
             speed = f"{now / elapsed:.1f} x real time" if elapsed > 0.0 else ""
             bar.update(task, completed=now, total=total, speed=speed)
 
-        return runner.simulate(case.ship, scenario, out=out, report=report, progress=progress, **options)
+        return runner.simulate(
+            case.ship, scenario, out=out, report=report, progress=progress, planned=planned, **options
+        )
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.2g} s" if seconds < 60.0 else f"{seconds // 60.0:.0f} min {seconds % 60.0:.0f} s"
 
 
 def _say_results(results: Any) -> None:

@@ -170,11 +170,29 @@ def load_case(
     InputErrors
         With every mistake in both.
     """
+    return read_case(open_document("ship", ship), open_document("scenario", scenario), overrides)
+
+
+def read_case(
+    ship_document: Document, scenario_document: Document, overrides: Iterable[tuple[str, str]] = ()
+) -> tuple[Ship, Scenario]:
+    """A ship and a scenario for it, from documents; see `load_case`.
+
+    Parameters
+    ----------
+    ship_document, scenario_document : Document
+    overrides : iterable of (path, value)
+        Changes to either.
+
+    Raises
+    ------
+    InputErrors
+        With every mistake in both.
+    """
     pairs = list(overrides)
     for_ship = [pair for pair in pairs if pair[0].split(".")[0] in SHIP_KEYS]
     for_scenario = [pair for pair in pairs if pair not in for_ship]
-    ship_reading = read_ship(open_document("ship", ship), for_ship)
-    scenario_document = open_document("scenario", scenario)
+    ship_reading = read_ship(ship_document, for_ship)
     # Where not a single item could be read, every command would be unknown: that would be noise.
     readable = bool(ship_reading.catalogue.signals) or ship_reading.ship is not None
     reading = read_scenario(scenario_document, ship_reading.catalogue if readable else None, for_scenario)

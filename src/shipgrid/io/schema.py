@@ -1,15 +1,12 @@
 """JSON Schema of ship and scenario files, generated from the declarations, for editors.
 
-`python -m shipgrid.io.schema FOLDER` writes `ship.schema.json` and `scenario.schema.json`. An editor then completes
-keys and shows their meaning; bounds and units are checked by `shipgrid check` alone, which knows them.
+`shipgrid check --schema ship` and `--schema scenario` print them. An editor then completes keys and shows their
+meaning; bounds and units are checked by `shipgrid check` alone, which knows them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import sys
-from pathlib import Path
 from typing import Any
 
 from shipgrid.analysis.requirements import MEASURES
@@ -89,16 +86,6 @@ def scenario_schema() -> dict[str, Any]:
     return _root("scenario", properties, ["schema", "scenario", "duration", "start"])
 
 
-def write_schemas(folder: str | Path) -> list[Path]:
-    """Write both schemas into a folder; returns their paths."""
-    written = []
-    for name, schema in (("ship", ship_schema()), ("scenario", scenario_schema())):
-        path = Path(folder) / f"{name}.schema.json"
-        path.write_text(json.dumps(schema, indent=2) + "\n", encoding="utf-8")
-        written.append(path)
-    return written
-
-
 def _root(what: str, properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
     return {
         "$schema": _DRAFT,
@@ -162,8 +149,3 @@ def _field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
         default = default_of(field)
         schema["description"] += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
     return schema
-
-
-if __name__ == "__main__":
-    for path in write_schemas(sys.argv[1] if len(sys.argv) > 1 else "."):
-        print(path)

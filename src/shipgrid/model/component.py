@@ -41,6 +41,8 @@ class Signal:
         A state that counts (charge drawn, distance made good): a start leaves it at its initial value.
     limiter : bool
         An output that is 1 while a limiter acts; the run logs how long.
+    absurd : float or None
+        Magnitude beyond which the run has diverged; None takes that of the unit (`assembly/plausible.py`).
     """
 
     description: str
@@ -49,6 +51,7 @@ class Signal:
     rotates: bool = False
     counts: bool = False
     limiter: bool = False
+    absurd: float | None = None
 
 
 def signal(
@@ -58,6 +61,7 @@ def signal(
     rotates: bool = False,
     counts: bool = False,
     limiter: bool = False,
+    absurd: float | None = None,
 ) -> Any:
     """Declare a signal.
 
@@ -73,8 +77,10 @@ def signal(
         A state that counts (charge drawn, distance made good): a start leaves it at its initial value.
     limiter : bool
         An output that is 1 while a limiter acts; the run logs how long.
+    absurd : float, optional
+        Magnitude that no plant reaches, in the signal's unit: a run in which it is passed has diverged and stops.
     """
-    return Signal(description, 0.0 if initial is None else initial, initial is None, rotates, counts, limiter)
+    return Signal(description, 0.0 if initial is None else initial, initial is None, rotates, counts, limiter, absurd)
 
 
 @dataclass(frozen=True)

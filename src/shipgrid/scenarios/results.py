@@ -30,6 +30,8 @@ CITATION = re.compile(r"\[([A-Z][A-Za-z0-9.]*\d[A-Za-z0-9]*)\]")
 ALWAYS_CITED = "DAgostino2020"
 """The paper that describes the reference ship and its simulator."""
 TABLES = ("events", "limiters")
+ENDINGS = ("min", "max", "mean")
+"""Of variables that say more of a signal: `<signal>_min` and so on."""
 
 
 class Event(NamedTuple):
@@ -84,14 +86,14 @@ class Results:
         summary = self.folder / "summary.json"
         self.summary: dict[str, Any] = json.loads(summary.read_text()) if summary.is_file() else {}
         self._where: dict[str, str] = {}
-        self._extremes: set[str] = set()
+        self._endings: dict[str, set[str]] = {}
         for name, group in _groups(self._file):
             if name in TABLES or "time" not in group.dimensions:
                 continue
             for variable in group.variables:
-                base = variable.removesuffix("_min").removesuffix("_max")
-                if base != variable and f"{base}_min" in group.variables and f"{base}_max" in group.variables:
-                    self._extremes.add(base)
+                base, _, ending = variable.rpartition("_")
+                if ending in ENDINGS and base in group.variables:
+                    self._endings.setdefault(base, set()).add(ending)
                 elif variable != "time" and not (name.startswith("waveforms") and variable in self._where):
                     self._where[variable] = name
         self._datasets: dict[str, xarray.Dataset] = {}
@@ -136,9 +138,12 @@ class Results:
         return self._datasets[name]
 
     def __getitem__(self, signal: str) -> xarray.DataArray:
-        """One signal over time, with unit and description; `<signal>_min`, `<signal>_max` are its extremes."""
-        base = signal.removesuffix("_min").removesuffix("_max")
-        where = self._where.get(signal) or (self._where.get(base) if base in self._extremes else None)
+        """One signal over time, with unit and description.
+
+        `<signal>_min`, `<signal>_max` and `<signal>_mean` are extremes and mean of the interval before each instant.
+        """
+        base, _, ending = signal.rpartition("_")
+        where = self._where.get(signal) or (self._where.get(base) if ending in self._endings.get(base, ()) else None)
         if where is None:
             raise ParameterError(f"no signal {signal!r} in {self.folder}{_nearest(signal, self.signals)}")
         return self.group(where)[signal]
@@ -147,7 +152,7 @@ class Results:
         return signal in self._where
 
     def series(self, name: str) -> Series | None:
-        """One signal as plain arrays with its extremes; None if it was not recorded.
+        """One signal as plain arrays with its extremes and means; None if it was not recorded.
 
         Parameters
         ----------
@@ -157,8 +162,9 @@ class Results:
         if name not in self._where:
             return None
         group = self._file[self._where[name]]
-        low, high = (np.asarray(group[f"{name}_{e}"][:]) if name in self._extremes else None for e in ("min", "max"))
-        return Series(np.asarray(group["time"][:]), np.asarray(group[name][:]), low, high, group[name].units)
+        kept = self._endings.get(name, ())
+        low, high, mean = (np.asarray(group[f"{name}_{e}"][:]) if e in kept else None for e in ENDINGS)
+        return Series(np.asarray(group["time"][:]), np.asarray(group[name][:]), low, high, group[name].units, mean)
 
     def description(self, signal: str) -> str:
         """One sentence on what a signal is.

@@ -20,25 +20,26 @@ import numba
 import numpy as np
 
 import shipgrid
+from shipgrid.analysis.divergence import culprit
 from shipgrid.analysis.requirements import evaluate
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.errors import ParameterError, SolverError
-from shipgrid.model.component import STAGES
 from shipgrid.model.network import Network
-from shipgrid.model.records import names_of
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
+TRIAL_STEPS = 2000
+"""Steps that are timed to tell how long a run will take: some ten milliseconds."""
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
-BYTES_PER_VALUE = 12
-"""Disk space set aside before a run starts: three single-precision numbers a recorded value, before compression."""
+BYTES_PER_VALUE = 16
+"""Disk space set aside before a run starts: four single-precision numbers a recorded value, before compression."""
 
 Progress = Callable[[float, float], None]
 
@@ -109,6 +110,7 @@ def simulate(
     out: str | Path | None = None,
     report: bool = True,
     progress: Progress | None = None,
+    planned: Callable[[float], None] | None = None,
     overrides: Mapping[str, str] | None = None,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
@@ -129,6 +131,8 @@ def simulate(
         Whether to write `report.html`.
     progress : callable, optional
         Called with simulated time and end time [s] several times a second.
+    planned : callable, optional
+        Called once, before the first step, with the wall-clock time [s] that all steps will take, judged by a trial.
     overrides : mapping of str to str, optional
         `--set` entries the ship and the scenario were made with, for `run.yaml`.
 
@@ -166,6 +170,8 @@ def simulate(
         folder.discard()
         raise
     run = Run(plan, work)
+    if planned is not None:
+        planned(time_of_a_step(plan, work) * round(end / h))
     try:
         _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began)
     except (OSError, RuntimeError) as error:  # the disk is full, say
@@ -178,6 +184,26 @@ def simulate(
     if run.failure:
         raise SolverError(f"{run.failure}; results up to then are in {final}")
     return open_results(final)
+
+
+def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
+    """Wall-clock time [s] of a step, by a trial on a copy.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Where to begin; not changed.
+    steps : int
+        Length of the trial.
+    """
+    trial = work.snapshot()
+    steps = min(steps, plan.step.record_every * (CHUNK_ROWS - 2))  # nobody empties the trial's buffers
+    entry, values = woven_entry(plan), arguments(plan, trial)
+    entry(1, trial.n, *values)  # with the compiler's work in it, where nothing has run yet
+    began = time.perf_counter()
+    entry(steps, trial.n + 1, *values)
+    return (time.perf_counter() - began) / steps
 
 
 def _record(
@@ -276,7 +302,7 @@ def go(
             work.n += abs(done)
             _flush(run, writer)
             if done < 0:
-                run.failure = _culprit(run)
+                run.failure = culprit(plan, work)
                 run.events.append((run.t, plan.network.name, run.failure))
                 break
             if took > 0.0:
@@ -320,35 +346,39 @@ def _last_rows(run: Run, writer: ResultsWriter | None) -> None:
     plan, work = run.plan, run.work
     if writer is None or work.n == 0:
         return
-    at = np.array([run.t])
-    if work.n % plan.step.record_every:
-        value = work.sig[plan.step.recorded][None, :]
-        low, high = work.step.low_now[None, :], work.step.high_now[None, :]
-        writer.append("plant", at, value, np.minimum(low, value), np.maximum(high, value))
-    if work.n % plan.step.slow_every:
-        writer.append("slow", at, work.sig[plan.step.slow][None, :])
+    at, last = np.array([run.t]), work.sig[plan.step.recorded][None, :]
+    low, high, total = work.step.interval.T[:, None, :]
+    for group, every, part in recorded_groups(plan):
+        steps = work.n % every
+        if steps:
+            layers = last, np.minimum(low, last), np.maximum(high, last), total / steps
+            writer.append(group, at, *(layer[:, part] for layer in layers))
+
+
+def recorded_groups(plan: Plan) -> tuple[tuple[str, int, slice], ...]:
+    """Recorder groups: name, steps between two rows, and which of the recorded signals they have."""
+    step = plan.step
+    return (
+        ("plant", step.record_every, slice(None, step.n_plant)),
+        ("slow", step.slow_every, slice(step.n_plant, None)),
+    )
 
 
 def _first_rows(run: Run, writer: ResultsWriter) -> None:
-    step, sig = run.plan.step, run.work.sig
-    at = np.zeros(1)
-    first = sig[step.recorded][None, :]
-    writer.append("plant", at, first, first, first)
-    writer.append("slow", at, sig[step.slow][None, :])
+    first = run.work.sig[run.plan.step.recorded][None, :]
+    for group, _, part in recorded_groups(run.plan):
+        writer.append(group, np.zeros(1), *(first[:, part],) * 4)
 
 
 def _flush(run: Run, writer: ResultsWriter | None) -> None:
     """Empty the workspace's buffers into the writer and the event log."""
     plan, step = run.plan, run.work.step
-    for group, k, every in (("plant", 0, plan.step.record_every), ("slow", 1, plan.step.slow_every)):
-        rows = int(step.rows[k])
+    for k, (group, every, _) in enumerate(recorded_groups(plan)):
+        rows, written = int(step.rows[k]), (step.plant_rows, step.slow_rows)[k]
         if rows and writer is not None:
             newest = run.work.n // every
             at = (newest - rows + 1 + np.arange(rows)) * every * plan.h
-            if group == "plant":
-                writer.append(group, at, step.value[:rows], step.low[:rows], step.high[:rows])
-            else:
-                writer.append(group, at, step.slow_value[:rows])
+            writer.append(group, at, *written[:, :rows])
         step.rows[k] = 0
     count = int(step.event_count[0])
     for k in range(min(count, EVENTS)):
@@ -381,37 +411,6 @@ def command_text(ship: Any, path: str, value: float) -> str:
     if value in words:
         return f"set to {words[value]}"
     return f"set to {value:.6g} {'' if command.unit == '1' else command.unit}".rstrip()
-
-
-def _culprit(run: Run) -> str:
-    """Say where a run broke: the component that first gave something that is no number, or the bus beyond all limits.
-
-    A step's stages run in order, so that of the components with a value that is no number the origin is the first
-    whose inputs still are numbers. A voltage beyond its limit is named with the element that drives most current.
-    """
-    plan, sig, layout = run.plan, run.work.sig, run.plan.layout
-    broken = []
-    for t in sorted(layout.types, key=lambda t: STAGES.index(t.kind.stage)):
-        for i, placed in enumerate(t.placed):
-            own = [(t.x + i * t.nx + k, name) for k, name in enumerate(names_of(t.kind.state))]
-            own += [(t.y + i * t.ny + k, name) for k, name in enumerate(names_of(t.kind.output))]
-            wrong = [f"{placed.path}.{name} = {sig[k]:g}" for k, name in own if not np.isfinite(sig[k])]
-            if wrong:
-                known = np.isfinite(sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]).all()
-                broken.append((not known, len(broken), wrong[0]))
-    net = plan.net
-    volts = np.abs(sig[net.node_signal])
-    node = int(np.argmax(np.where(np.isfinite(volts), volts / net.node_limit, np.inf)))
-    named = {place: name for name, place in layout.index.items()}
-    bus = f"{named[net.node_signal[node]]} = {sig[net.node_signal[node]]:.4g} V"
-    if broken:
-        return f"diverged at {run.t:.6f} s: {min(broken)[2]}, then {bus}"
-    ports = np.flatnonzero((net.port_plus == node) | (net.port_minus == node))
-    limit = f"beyond {net.node_limit[node]:.4g} V"
-    if not len(ports):
-        return f"diverged at {run.t:.6f} s: {bus}, {limit}"
-    worst = int(net.port_i[ports[np.argmax(np.abs(sig[net.port_i[ports]]))]])
-    return f"diverged at {run.t:.6f} s: {bus}, {limit}; {named[worst]} = {sig[worst]:.4g} A"
 
 
 def energy_balance(
@@ -480,10 +479,7 @@ def _git(folder: Path, *words: str) -> str:
 
 
 def _bytes_needed(plan: Plan, end: float) -> int:
-    values = sum(
-        len(names) * end / plan.record_period[group] * (BYTES_PER_VALUE if group == "plant" else 4)
-        for group, names in plan.groups.items()
-    )
+    values = sum(BYTES_PER_VALUE * len(names) * end / plan.record_period[group] for group, names in plan.groups.items())
     return int(values) + 4_000_000
 
 
@@ -498,7 +494,7 @@ def _run_yaml(
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
-        "# Written by shipgrid: everything needed to repeat this run.",
+        "# Written by shipgrid: everything needed to repeat this run, with `shipgrid run` and the path of this file.",
         "schema: 1",
         f"fidelity: {fidelity}",
         f"step: {step!r} s",
@@ -507,9 +503,9 @@ def _run_yaml(
         f"commit: {about['commit']}",
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
-        "ship: |",
+        "ship: |2",  # the indentation said, whatever the text begins with
         *(f"  {line}" for line in ship.text.splitlines()),
-        "scenario: |",
+        "scenario: |2",
         *(f"  {line}" for line in scenario.text.splitlines()),
         "",
     ]

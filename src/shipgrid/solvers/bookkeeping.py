@@ -50,40 +50,61 @@ def record(
     done,
     sig,
     recorded,
-    low_now,
-    high_now,
+    interval,
+    n_plant,
     record_every,
-    rows,
-    value,
-    low,
-    high,
     slow_every,
-    slow,
-    slow_value,
+    rows,
+    plant_rows,
+    slow_rows,
     audit_every,
 ):
-    """After step number `done`: keep extremes, write rows that are due; true if the audit is due."""
+    """After step number `done`: keep extremes and sums, write rows that are due; true if the audit is due."""
     for k in range(recorded.shape[0]):
         now = sig[recorded[k]]
-        if now < low_now[k]:
-            low_now[k] = now
-        if now > high_now[k]:
-            high_now[k] = now
+        if now < interval[k, 0]:
+            interval[k, 0] = now
+        if now > interval[k, 1]:
+            interval[k, 1] = now
+        interval[k, 2] += now
     if done % record_every == 0:
-        row = rows[0]
-        for k in range(recorded.shape[0]):
-            value[row, k] = sig[recorded[k]]
-            low[row, k] = low_now[k]
-            high[row, k] = high_now[k]
-            low_now[k] = np.inf
-            high_now[k] = -np.inf
-        rows[0] = row + 1
+        write_row(sig, recorded, interval, 0, n_plant, record_every, plant_rows, rows[0])
+        rows[0] += 1
     if done % slow_every == 0:
-        row = rows[1]
-        for k in range(slow.shape[0]):
-            slow_value[row, k] = sig[slow[k]]
-        rows[1] = row + 1
+        write_row(sig, recorded, interval, n_plant, recorded.shape[0], slow_every, slow_rows, rows[1])
+        rows[1] += 1
     return done % audit_every == 0
+
+
+@kernel
+def write_row(sig, recorded, interval, first, last, steps, written, row):
+    """Write values, lows, highs and means of the signals `first` to `last`, and begin their next interval."""
+    for k in range(first, last):
+        written[0, row, k - first] = sig[recorded[k]]
+        written[1, row, k - first] = interval[k, 0]
+        written[2, row, k - first] = interval[k, 1]
+        written[3, row, k - first] = interval[k, 2] / steps
+        interval[k, 0] = np.inf
+        interval[k, 1] = -np.inf
+        interval[k, 2] = 0.0
+
+
+@kernel
+def book_contacts(
+    sig, position, element_positions, moved, drop_first, drop_row, drop_a, drop_b, drop_s, drop_ledger, energy
+):
+    """After a contact has moved, before the step: what is stored in the states it puts to zero is lost there.
+
+    The energy of a linear element is a quadratic form of its states; the terms with a state that the new position holds
+    at zero go. Those held before are zero already.
+    """
+    for e in range(position.shape[0]):
+        now = position[e]
+        if now < 0 or now >= element_positions[e]:
+            now = 0
+        for k in range(drop_row[drop_first[e] + now], drop_row[drop_first[e] + now + 1]):
+            energy[drop_ledger[e]] += drop_s[k] * sig[drop_a[k]] * sig[drop_b[k]]
+    moved[0] = 0
 
 
 @kernel
@@ -105,12 +126,19 @@ def audit(
     event_step,
     event_which,
     event_value,
+    absurd,
 ):
-    """Underflow, power of the shunts, time that limiters act, changes of watched codes."""
+    """Underflow, power of the shunts, time that limiters act, changes of watched codes.
+
+    Returns the place of a signal beyond what is plausible, or not a number; -1 if there is none.
+    """
+    wrong = -1
     for k in range(sig.shape[0]):
         # what dies away (a genset at rest) would end in subnormal numbers, whose arithmetic doubles the time of a step
         if np.abs(sig[k]) < UNDERFLOW:
             sig[k] = 0.0
+        if not (np.abs(sig[k]) <= absurd[k]):
+            wrong = k
     dt = audit_every * h
     first = n_energy - shunt_node.shape[0]
     for k in range(shunt_node.shape[0]):
@@ -135,3 +163,4 @@ def audit(
                 event_which[n] = k
                 event_value[n] = value
             event_count[0] = n + 1
+    return wrong

@@ -137,6 +137,7 @@ class NetworkWork(NamedTuple):
     clamp: np.ndarray  # (DC buses with bridges,) 1 while their voltage is reversed
     stage_share: np.ndarray  # (2,) see `conduction.begin_round`
     conduct: np.ndarray  # (3,) see `conduction.set_legs`
+    moved: np.ndarray  # (1,) 1 once a contact has moved, until the books have it
 
 
 @kernel
@@ -155,6 +156,7 @@ def begin_step(
     position_start,
     position_values,
     values,
+    moved,
 ):
     """Where the step starts, and the positions of the contacts."""
     for k in range(state_signal.shape[0]):
@@ -165,6 +167,7 @@ def begin_step(
         wanted = int(sig[element_variant[e]])
         if wanted != position[e]:
             position[e] = wanted
+            moved[0] = 1
             first = slot_start[e]
             n = slot_start[e + 1] - first
             if wanted < 0 or wanted >= element_positions[e]:

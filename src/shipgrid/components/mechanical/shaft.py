@@ -26,7 +26,7 @@ OMEGA_0 = 0.05
 
 
 class State:
-    omega_m: RadianPerSecond = signal("shaft speed, positive ahead")
+    omega_m: RadianPerSecond = signal("shaft speed, positive ahead", absurd=1e3)
 
 
 class Input:

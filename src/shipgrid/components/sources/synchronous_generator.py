@@ -60,7 +60,7 @@ class State:
     psi_kd: PerUnit = signal("damper flux linkage, d axis")
     psi_q: PerUnit = signal("stator flux linkage, q axis")
     psi_kq: PerUnit = signal("damper flux linkage, q axis")
-    omega: PerUnit = signal("speed, 1 is synchronous speed at nominal frequency")
+    omega: PerUnit = signal("speed, 1 is synchronous speed at nominal frequency", absurd=10.0)
     theta: Radian = signal("electrical angle of the field axis", rotates=True)
 
 

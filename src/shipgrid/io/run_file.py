@@ -1,0 +1,98 @@
+"""A run's `run.yaml` read back: the ship, the scenario and the options it was made with, to repeat it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.io.quantities import parse_quantity
+from shipgrid.io.scenario_file import Scenario, read_case
+from shipgrid.io.ship_file import Ship, check_head
+from shipgrid.io.yaml_lines import Document, Problems, Scalar, Section, read_text
+
+KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "set", "ship", "scenario")
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """Everything a run was made with.
+
+    Attributes
+    ----------
+    ship : Ship
+    scenario : Scenario
+        Both with the changes that were made for that run.
+    fidelity : str
+        Detail of the converters.
+    step, until : float
+        Step and end [s].
+    version, commit : str
+        Of the program that ran it.
+    overrides : dict of str to str
+        The `--set` entries that are in the ship and the scenario already.
+    """
+
+    ship: Ship
+    scenario: Scenario
+    fidelity: str
+    step: float
+    until: float
+    version: str
+    commit: str
+    overrides: dict[str, str]
+
+
+def is_run_file(document: Document) -> bool:
+    """Whether a document is a `run.yaml`: neither a ship nor a scenario file has the other in it."""
+    return "ship" in document.root and "scenario" in document.root
+
+
+def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ()) -> RunFile:
+    """The run that a `run.yaml` describes.
+
+    Parameters
+    ----------
+    document : Document
+        As read.
+    overrides : iterable of (path, value)
+        Changes to its ship or scenario, as `--set` makes them.
+
+    Raises
+    ------
+    InputErrors
+        With every mistake in it; lines of the ship and the scenario in it are counted from their own beginning.
+    """
+    root, problems = document.root, Problems(list(document.problems.found))
+    check_head(root, problems, KEYS)
+
+    def text(key: str, expected: str) -> str:
+        node = root.get(key)
+        if isinstance(node, Scalar) and not node.empty:
+            return node.text
+        place = root.place if node is None else node.place
+        problems.add(place, key, f"{'missing' if node is None else 'is not one value'}, expected {expected}")
+        return ""
+
+    def seconds(key: str) -> float:
+        written = text(key, "a time, such as '30 us'")
+        try:
+            return parse_quantity(written, "s") if written else 0.0
+        except ParameterError as wrong:
+            problems.add(root.entries[key].place, key, str(wrong))
+        return 0.0
+
+    fidelity, step, until = text("fidelity", "averaged"), seconds("step"), seconds("until")
+    version, commit = text("version", "that of the program"), text("commit", "that of the program")
+    ship, scenario = (text(part, f"the text of the {part} file") for part in ("ship", "scenario"))
+    changed = root.get("set")
+    earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}
+    problems.raise_if_any()
+    pairs = list(overrides)
+    ship_document = read_text(ship, f"{document.file}: ship")
+    scenario_document = read_text(scenario, f"{document.file}: scenario")
+    loaded_ship, loaded_scenario = read_case(ship_document, scenario_document, pairs)
+    if not 0.0 < until <= loaded_scenario.duration:
+        end = f"{loaded_scenario.duration:g} s"
+        raise InputErrors([f"{root.entries['until'].place}: until: is not within the scenario, expected up to {end}"])
+    return RunFile(loaded_ship, loaded_scenario, fidelity, step, until, version, commit, {**earlier, **dict(pairs)})

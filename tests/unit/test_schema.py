@@ -1,0 +1,102 @@
+"""The JSON Schemas for editors: they accept what is right and refuse what an editor can see is wrong."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import jsonschema
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from shipgrid.cli.main import app
+from shipgrid.io.ship_file import bundled
+
+
+def printed(what):
+    said = CliRunner().invoke(app, ["check", "--schema", what])
+    assert said.exit_code == 0, said.output
+    return json.loads(said.stdout)
+
+
+def read(path):
+    """As an editor reads it: YAML 1.2, numbers as numbers."""
+    return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def validators():
+    found = {}
+    for what in ("ship", "scenario"):
+        schema = printed(what)
+        jsonschema.Draft202012Validator.check_schema(schema)
+        found[what] = jsonschema.Draft202012Validator(schema)
+    return found
+
+
+BUNDLED = [(what, path) for what in ("ship", "scenario") for path in bundled(what).values()]
+
+
+@pytest.mark.parametrize(("what", "path"), BUNDLED, ids=[path.stem for _, path in BUNDLED])
+def test_bundled_files_are_valid(validators, what, path):
+    assert [error.message for error in validators[what].iter_errors(read(path))] == []
+
+
+def put(document, path, value):
+    changed = copy.deepcopy(document)
+    *steps, last = path
+    place = changed
+    for step in steps:
+        place = place[step]
+    place[last] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "names"),
+    [
+        (("schema",), 2, "1 was expected"),
+        (("equipment", "bess_for", "capacty"), "128 Ah", "'capacty' was unexpected"),
+        (("equipment", "bess_for", "kind"), "battery", "'battery' is not one of"),
+        (("equipment", "bess_for", "capacity"), 128, "128 is not of type 'string'"),
+        (("equipment", "genset_for", "governor", "Kp"), "8 pu", "'Kp' was unexpected"),
+        (("buses", "dc_for", "kind"), "three-phase", "'three-phase' is not one of"),
+        (("equipment", "Bess"), {"kind": "bess"}, "'Bess' does not match"),
+        (("hull",), {"displacement": 377}, "377 is not of type 'string'"),
+    ],
+)
+def test_a_slip_in_a_ship_file_is_refused(validators, path, value, names):
+    wrong = put(read(bundled("ship")["ferry"]), path, value)
+    errors = [error.message for error in validators["ship"].iter_errors(wrong)]
+    assert any(names in error for error in errors), errors
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "names"),
+    [
+        (("timeline", 0, "when"), "10 s", "'when' was unexpected"),
+        (("timeline", 0, "at"), 10, "10 is not of type 'string'"),
+        (("start", "state"), "sailing", "'sailing' is not one of"),
+        (("requirements", 0, "band"), ["715 V"], "is too short"),
+        (("requirements", 0, "max"), "785 V", "is valid under each of"),
+        (("duration",), None, "None is not of type 'string'"),
+    ],
+)
+def test_a_slip_in_a_scenario_file_is_refused(validators, path, value, names):
+    wrong = put(read(bundled("scenario")["mission"]), path, value)
+    errors = [error.message for error in validators["scenario"].iter_errors(wrong)]
+    assert any(names in error for error in errors), errors
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--schema", "shp"], "--schema: no schema of the name 'shp' (nearest: 'ship'), expected ship or scenario"),
+        (["--schema", "ship", "my.yaml"], "--schema: prints a schema and checks no files"),
+        ([], "check: no files given"),
+    ],
+)
+def test_check_says_what_it_expects(words, says):
+    said = CliRunner().invoke(app, ["check", *words])
+    assert said.exit_code == 2 and says in said.stderr
