@@ -103,7 +103,6 @@ def test_the_exit_status_says_how_it_ended(simulated, answer, status):
         (["run", "--until", "12:30"], "--until: '12:30' is a time of day"),
         (["run", "--until", "0 s"], "--until: 0 s is not after the start"),
         (["run", "--until", "2 h"], "--until: 2 h is after the scenario's end, expected at most 3400 s"),
-        (["run", "--fidelity", "switching"], "--fidelity: this version has no switching fidelity yet"),
         (["run", "--fidelity", "averagd"], "--fidelity: no fidelity 'averagd' (nearest: 'averaged')"),
         (["run", "--set", "duration"], "--set duration: is not PATH=VALUE"),
         (["run", "--set", "equipment.bess_for.L=-1 mH"], "equipment.bess_for.L: -1 mH is out of range"),

@@ -155,7 +155,7 @@ def converter(step, f_s):
     net.conductance(dc, G_DC)
     net.add("source", SourceBranch(R=R_S, L=L_S), ports={"ends": dc}, inputs={"e": -E_DC})
     net.add_three_phase("grid", StiffGrid(R=R_G, L=L_G, omega=OMEGA), ports={"ends": ac})
-    bridge = add_bridge(net, "converter", dc, control="loop", gates=1.0, clock=Sampled(f_s))
+    bridge = add_bridge(net, "converter", dc, control="loop", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
     net.add_three_phase(
         "lcl",
         LclFilter(L_1=L_1, R_1=R_1, C=C, R_d=R_D, L_2=L_2, R_2=R_2),
@@ -343,7 +343,7 @@ def test_a_switching_function_that_changes_inside_steps_acts_at_its_instant():
         bus = net.dc_bus("bus", E)
         net.capacitance(bus, 1e7)  # stiff: some 50 C are taken from it, 5 uV
         net.add("toggle", Toggle(), clock=Sampled(f_s))
-        leg = add_leg(net, "converter", bus, control="toggle", gates=1.0, clock=Sampled(f_s))
+        leg = add_leg(net, "converter", bus, control="toggle", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
         net.add("choke", SourceBranch(R=R, L=L), ports={"ends": leg})
         plan = assemble(net, step)
         work = new_workspace(plan)

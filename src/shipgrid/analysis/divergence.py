@@ -6,6 +6,7 @@ import numpy as np
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.model.component import STAGES, fields_of
+from shipgrid.solvers.conduction import unsettled
 
 
 def culprit(plan: Plan, work: Workspace) -> str:
@@ -21,6 +22,9 @@ def culprit(plan: Plan, work: Workspace) -> str:
         As the step that failed left it.
     """
     sig, limit = work.sig, plan.step.absurd
+    if unsettled.py_func(work.net.conduct):
+        bridges = ", ".join(plan.network.legs)
+        return f"conduction at {work.n * plan.h:.6f} s: no state of the legs of {bridges} agrees with their currents"
     when = f"diverged at {work.n * plan.h:.6f} s"
     with np.errstate(invalid="ignore"):
         absurd = ~(np.abs(sig) <= limit)

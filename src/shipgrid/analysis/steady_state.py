@@ -185,6 +185,28 @@ def _counting(plan: Plan) -> np.ndarray:
     return np.array(found, dtype=np.int64)
 
 
+def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
+    """The state of one plan as the start of another of the same plant: of the other fidelity, say.
+
+    Every signal that both have is taken over by its path. What only the other has (the ripple of its modulators) it
+    finds by itself within some carrier periods.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        The state to carry over; left as it is.
+    to : Plan
+        At the same step, so that its delay lines are as long.
+    """
+    made = new_workspace(to)
+    places = [(to.layout.index[path], k) for path, k in plan.layout.index.items() if path in to.layout.index]
+    made.sig[[a for a, _ in places]] = work.sig[[b for _, b in places]]
+    made.step.delays[:] = work.step.delays
+    settle_outputs(to, made)
+    return fresh(to, made)
+
+
 def fresh(plan: Plan, work: Workspace) -> Workspace:
     """The same state with the clock at zero and empty logs."""
     work.n = 0

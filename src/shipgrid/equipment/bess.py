@@ -243,7 +243,7 @@ class Bess:
             clock=Every(1e-3),
         )
         clock = Sampled(self.f_sw)
-        leg = add_leg(net, name, bus, control=path["control"], gates=f"{sequence}.enable", clock=clock)
+        leg = add_leg(net, name, bus, control=path["control"], gates=f"{sequence}.enable", clock=clock, f_sw=self.f_sw)
         net.add(
             path["converter"],
             parameters_for(BuckBoost, self, R_b=R_b),

@@ -214,7 +214,7 @@ class Inverter:
         net.capacitance(bus, self.C_dc)
         clock = Sampled(self.f_sw)
         enable = f"{name}.sequence.enable"
-        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock)
+        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock, f_sw=self.f_sw)
         net.add_three_phase(
             f"{name}.filter", lcl, ports={"converter": bridge, "grid": grid}, variant=f"{name}.sequence.position"
         )

@@ -15,19 +15,21 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from shipgrid.components.converters.two_level_bridge import TwoLevelBridge
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.components.marine.propeller import Propeller
 from shipgrid.components.mechanical.shaft import Shaft
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.ship_speed import ShipSpeed
-from shipgrid.equipment.declaration import Command, Published, block, choice, equipment, reference, switch
+from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference, switch
 from shipgrid.equipment.hull import T_MARINE
-from shipgrid.equipment.wiring import add_bridge
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network
 from shipgrid.model.ops import clip
-from shipgrid.units import Farad, KilogramMetre2, Ohm, RadianPerSecond, Ratio, Second, Volt, Watt, rpm
+from shipgrid.modulators.averaged import DirectBridge
+from shipgrid.modulators.hysteresis import HysteresisBridge
+from shipgrid.units import Ampere, Farad, KilogramMetre2, Ohm, RadianPerSecond, Ratio, Second, Volt, Watt, rpm
 
 OFF, RAMP_UP, ON, RAMP_DOWN = 0.0, 1.0, 2.0, 3.0
 STATES = {0: "off", 1: "ramping up", 2: "on", 3: "ramping down"}
@@ -128,6 +130,7 @@ class Propulsion:
     tau_c: Second = param(
         "time constant of the current control", default=1e-3, above=0.0, source="docs/theory/propulsion.md"
     )
+    band: Ampere = as_in(HysteresisBridge, "band")
     inertia: KilogramMetre2 = param(
         "inertia of motor, shaft and screw", default=383.4, above=0.0, source="[DAgostino2020] table A1"
     )
@@ -185,14 +188,12 @@ class Propulsion:
                 "share": f"{name}.sequence.share",
             },
         )
+        of_motor = {symbol: getattr(motor, symbol) for symbol in ("n_p", "psi_f", "L_d", "L_q")}
         net.add(
             f"{name}.drive",
             DriveCurrent(
-                n_p=motor.n_p,
-                psi_f=motor.psi_f,
                 R=motor.R_s,
-                L_d=motor.L_d,
-                L_q=motor.L_q,
+                **of_motor,
                 tau_n=self.rating / self.speed_n,
                 tau_c=self.tau_c,
             ),
@@ -206,10 +207,17 @@ class Propulsion:
                 "blocked": blocked,
             },
         )
+        if net.fidelity == "averaged":
+            modulator, inputs = DirectBridge(), {s: f"{name}.drive.{s}" for s in ("s_alpha", "s_beta")}
+        else:
+            modulator = HysteresisBridge(band=self.band, R=motor.R_s, **of_motor)
+            inputs = {field: f"{name}.motor.{field}" for field in ("i_d", "i_q", "theta_e")}
+            inputs |= {"omega_m": omega_m, "v_dc": v_dc, "i_q_ref": f"{name}.drive.i_q_ref"}
+        net.add(f"{name}.modulator", modulator, inputs={**inputs, "gates": enabled})
         net.add_three_phase(
             f"{name}.motor",
             motor,
-            ports={"stator": add_bridge(net, name, bus, control=f"{name}.drive", gates=enabled, clock=None)},
+            ports={"stator": net.bridge(f"{name}.bridge", TwoLevelBridge(), bus, modulator=f"{name}.modulator")},
             inputs={"omega_m": omega_m},
         )
         facing = 0.0 if self.ends == "mirrored" else (1.0 if self.faces == "aft" else -1.0)

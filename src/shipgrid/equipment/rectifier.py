@@ -310,7 +310,7 @@ class Rectifier:
         v_c = {f"v_c_{axis}": f"{name}.lcl.{axis}.v_c" for axis in ("alpha", "beta")}
         clock = Sampled(2.0 * self.f_sw)
         enable = f"{name}.sequence.enable"
-        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock)
+        bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock, f_sw=self.f_sw)
         (v_dc,) = bus.nodes
         net.add_three_phase(
             f"{name}.lcl",

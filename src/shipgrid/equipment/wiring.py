@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
-from shipgrid.model.network import DcBus, Every, Network, Pole, Pole3, Sampled
-from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg, DirectBridge
+from shipgrid.model.network import DcBus, Network, Pole, Pole3, Sampled
+from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg
+from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
 
 
 def add_bridge(
-    net: Network, name: str, bus: DcBus, *, control: str, gates: str | float, clock: Every | Sampled | None
+    net: Network, name: str, bus: DcBus, *, control: str, gates: str | float, clock: Sampled, f_sw: float
 ) -> Pole3:
-    """Add a three-phase bridge `name.bridge` and its averaged modulator `name.modulator`.
+    """Add a three-phase bridge `name.bridge` and its modulator `name.modulator`.
 
     Parameters
     ----------
     net : Network
-        The plant.
+        The plant; its fidelity decides which modulator.
     name : str
         The item.
     bus : DcBus
@@ -23,22 +26,35 @@ def add_bridge(
         Path of the controller with the outputs `s_alpha` and `s_beta`.
     gates : str or float
         Path of the signal that releases the gates; 1.0: they are always driven.
-    clock : Every, Sampled or None
-        The controller's clock; None: it acts at every step, without computation delay.
+    clock : Sampled
+        The controller's clock.
+    f_sw : float
+        Frequency of the carrier [Hz].
 
     Returns
     -------
     Pole3
         What the three-phase terminal behind it connects to.
     """
-    suffix = "" if clock is None else "_ref"
-    item = DirectBridge() if clock is None else AveragedBridge()
-    inputs = {f"{s}{suffix}": f"{control}.{s}" for s in ("s_alpha", "s_beta")}
-    net.add(f"{name}.modulator", item, inputs={**inputs, "gates": gates}, clock=clock)
+    inputs = {f"{s}_ref": f"{control}.{s}" for s in ("s_alpha", "s_beta")}
+    item, carrier = _modulator(net, name, f_sw, AveragedBridge, TimeStampedBridge)
+    net.add(f"{name}.modulator", item, inputs={**inputs, **carrier, "gates": gates}, clock=clock)
     return net.bridge(f"{name}.bridge", TwoLevelBridge(), bus, modulator=f"{name}.modulator")
 
 
-def add_leg(net: Network, name: str, bus: DcBus, *, control: str, gates: str | float, clock: Every | Sampled) -> Pole:
-    """Add a half-bridge leg `name.leg` and its averaged modulator `name.modulator`; as `add_bridge`, of `control.s`."""
-    net.add(f"{name}.modulator", AveragedLeg(), inputs={"s_ref": f"{control}.s", "gates": gates}, clock=clock)
+def add_leg(
+    net: Network, name: str, bus: DcBus, *, control: str, gates: str | float, clock: Sampled, f_sw: float
+) -> Pole:
+    """Add a half-bridge leg `name.leg` and its modulator `name.modulator`; as `add_bridge`, of `control.s`."""
+    item, carrier = _modulator(net, name, f_sw, AveragedLeg, TimeStampedLeg)
+    inputs = {"s_ref": f"{control}.s", **carrier, "gates": gates}
+    net.add(f"{name}.modulator", item, inputs=inputs, clock=clock)
     return net.half_bridge(f"{name}.leg", HalfBridge(), bus, modulator=f"{name}.modulator")
+
+
+def _modulator(net: Network, name: str, f_sw: float, averaged: type, switching: type) -> tuple[Any, dict[str, str]]:
+    """The modulator that the plant's fidelity asks for, and the inputs that it has from its carrier."""
+    if net.fidelity == "averaged":
+        return averaged(), {}
+    net.add(f"{name}.carrier", Carrier(), clock=Sampled(f_sw))
+    return switching(), {field: f"{name}.carrier.{field}" for field in ("phase", "phase_next", "turns")}

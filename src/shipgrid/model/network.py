@@ -153,9 +153,12 @@ class Network:
     ----------
     name : str
         Name of the plant, for messages.
+    fidelity : {"averaged", "switching"}
+        Which modulators equipment puts before its bridges: mean values, or every edge.
     """
 
     name: str
+    fidelity: str = "averaged"
     buses: dict[str, Bus] = field(default_factory=dict, init=False)
     capacitances: dict[str, float] = field(default_factory=dict, init=False)
     conductances: dict[str, float] = field(default_factory=dict, init=False)

@@ -22,7 +22,7 @@ import numpy as np
 import shipgrid
 from shipgrid.analysis.divergence import culprit
 from shipgrid.analysis.requirements import evaluate
-from shipgrid.analysis.steady_state import operating_point
+from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
@@ -61,7 +61,10 @@ class Run:
         return self.work.n * self.plan.h
 
 
-def build(ship: Any, step: float) -> Plan:
+FIDELITIES = ("averaged", "switching")
+
+
+def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
     """Network and plan of a ship at one step length.
 
     Parameters
@@ -69,8 +72,10 @@ def build(ship: Any, step: float) -> Plan:
     ship : Ship
     step : float
         Step [s].
+    fidelity : {"averaged", "switching"}
+        Detail of the converters.
     """
-    network = Network(ship.name)
+    network = Network(ship.name, fidelity)
     ship.build(network)
     return assemble(network, step)
 
@@ -92,7 +97,11 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     """
     commands = scenario.start_commands(ship)
     if scenario.start_state == "moored":
-        return operating_point(plan, commands)
+        if plan.network.fidelity == "averaged":
+            return operating_point(plan, commands)
+        mean = build(ship, plan.h)
+        work, drift = operating_point(mean, commands)
+        return carried_over(mean, work, plan), drift
     work = new_workspace(plan)
     for path, value in commands.items():
         work.sig[plan.layout.place(f"command:{path}", "start")] = value
@@ -119,10 +128,10 @@ def simulate(
     ----------
     ship : Ship
     scenario : Scenario
-    fidelity : {"averaged"}
+    fidelity : {"averaged", "switching"}
         Detail of the converters.
     step : float, optional
-        Step [s]; the scenario's own, or 30 us.
+        Step [s]; the scenario's own (averaged only), or 30 us.
     until : float, optional
         End [s], in place of the scenario's.
     out : path, optional
@@ -151,15 +160,16 @@ def simulate(
         If the start state asked for does not exist.
     """
     began = time.perf_counter()
-    if fidelity != "averaged":
-        raise ParameterError(f"fidelity '{fidelity}' is not available, expected 'averaged'")
-    h = next(h for h in (step, scenario.step, DEFAULT_STEP) if h is not None)
+    if fidelity not in FIDELITIES:
+        raise ParameterError(f"there is no fidelity '{fidelity}', expected one of {', '.join(FIDELITIES)}")
+    of_scenario = scenario.step if fidelity == "averaged" else None
+    h = next(h for h in (step, of_scenario, DEFAULT_STEP) if h is not None)
     if not SHORTEST_STEP <= h <= LONGEST_STEP:
         raise ParameterError(f"step = {h!r} s, expected {SHORTEST_STEP:g} s to {LONGEST_STEP:g} s")
     end = scenario.duration if until is None else until
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
-    plan = build(ship, h)
+    plan = build(ship, h, fidelity)
     folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end))
     try:
         work, drift = start(plan, ship, scenario)
