@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import shipgrid
-from shipgrid.scenarios.results import CITATION, bibliography
+from shipgrid.scenarios.results import CITATION, bibliography, open_results
 
 ROOT = Path(__file__).parents[2]
 SOURCE = sorted((ROOT / "src" / "shipgrid").rglob("*.py"))
@@ -114,3 +114,22 @@ def test_links_of_a_page_lead_to_files(path):
 
 def test_the_changelog_has_an_unreleased_section():
     assert "## Unreleased" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    """As it stands there, but for the length of the run: two seconds of the hour."""
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("Agg")
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    whole = shipgrid.simulate
+    monkeypatch.setattr(shipgrid, "simulate", lambda *args, **options: whole(*args, **options, until=2.0))
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(compile(code, "README.md", "exec"), names)
+    run = names["run"]
+    assert run.summary["simulated_s"] == pytest.approx(2.0, abs=1e-4)
+    assert run.settings["ship"]["equipment"]["bess_for"]["capacity"] == "160 Ah"
+    assert (tmp_path / "mission.html").stat().st_size > 0
+    assert open_results("results/more-battery").signals == run.signals  # the path that the text below it names
+    said = capsys.readouterr().out
+    assert "DC bus fore" in said and "@article" in said

@@ -8,7 +8,7 @@ import pytest
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, operating_point
 from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
-from shipgrid.assembly.weave import type_views
+from shipgrid.assembly.weave import arguments, type_views, woven_entry
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.model.network import Network
 from shipgrid.scenarios.runner import build
@@ -179,6 +179,34 @@ def test_settled_means_at_10_kn_do_not_depend_on_the_step(ship, at_10_kn):
     for step in (90e-6, 15e-6):
         for name, value in at_30.items():
             assert found[step][name] == pytest.approx(value, abs=1e-3 * scale(coarse, name)), (step, name)
+
+
+def test_hard_transients_stay_far_from_what_counts_as_absurd(ship, commands):
+    """So that the check for absurd values gives no false alarm: everything that can be done to the plant at once."""
+    plan = build(ship, 90e-6)
+    work, _ = operating_point(plan, commands)
+    entry, values = woven_entry(plan), arguments(plan, work)
+    largest = np.zeros(len(work.sig))
+    full_ahead = {"propulsion_for.speed_ref": 5.1, "propulsion_aft.speed_ref": 5.1}
+    full_astern = {path: -value for path, value in full_ahead.items()}
+    for seconds, given in (
+        (12.0, {"genset_for.on": 1.0, "genset_aft.on": 1.0, **full_ahead}),
+        (1.0, {"dc_tie.close": 0.0, "ac_tie.close": 1.0}),
+        (2.0, {"dc_tie.close": 1.0, **full_astern}),
+        (2.0, {"inverter_for.on": 0.0, "genset_for.on": 0.0}),
+        (4.0, {"bess_for.on": 0.0, "bess_aft.on": 0.0}),
+    ):
+        for path, value in given.items():
+            work.sig[plan.layout.index[f"command:{path}"]] = value
+        for _ in range(round(seconds / plan.h / 10)):
+            assert entry(10, work.n, *values) == 10
+            work.n += 10
+            work.step.rows[:] = 0
+            np.maximum(largest, np.abs(work.sig), out=largest)
+    assert work.sig[plan.layout.index["genset_aft.sequence.state"]] != 0.0  # something was going on
+    closest = int(np.argmax(largest / plan.step.absurd))
+    named = {place: name for name, place in plan.layout.index.items()}
+    assert largest[closest] < 0.2 * plan.step.absurd[closest], named[closest]  # the nearest is a genset's speed
 
 
 def test_two_runs_are_bit_identical(ship, commands):

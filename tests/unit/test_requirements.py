@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from shipgrid.analysis.requirements import Requirement, Series, judge
+from shipgrid.analysis.requirements import Requirement, Series, evaluate, judge
 from shipgrid.errors import ParameterError
 
 TIME = np.arange(11.0)
@@ -117,3 +117,23 @@ def test_a_mean_is_taken_of_the_recorded_means_of_the_intervals_wholly_inside_th
     assert verdict.value == pytest.approx((0.3 * 1.0 - 0.3 * 2.0) / 3.0)  # the rows at 2 and 4
     assert judge(asked(mean=[-0.2, 0.2], **{"from": 1.2, "until": 4.5}), kept).value == pytest.approx(-0.3)
     assert judge(asked(band=[-0.5, 0.5], **{"from": 1.0, "until": 4.5}), kept).verdict == "violated"  # extremes decide
+
+
+class Nothing:
+    """A run that recorded nothing."""
+
+    signals = ()
+
+    def series(self, name):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("error", "word"), [(4e-4, "met"), (-4e-4, "met"), (-2e-3, "violated"), (math.nan, "violated")]
+)
+def test_a_figure_of_the_whole_run_is_judged_at_its_end(error, word):
+    balance = Requirement.from_mapping({"name": "balance", "signal": "energy_balance_error", "abs_max": 1e-3})
+    (verdict,) = evaluate([balance], Nothing(), 60.0, {"energy_balance_error": error})
+    assert (verdict.verdict, verdict.at) == (word, 60.0)
+    (verdict,) = evaluate([balance], Nothing(), 60.0)
+    assert verdict.verdict == "not evaluated"

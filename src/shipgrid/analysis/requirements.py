@@ -8,6 +8,8 @@ A requirement names a signal, a window of time and one measure of the signal in 
     abs_max  no magnitude above
     mean     the time average inside [low, high]
 
+In place of a signal it may name a figure of the whole run (`FIGURES`), which then has one value, at the end.
+
 Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed; where it
 kept means, they are what is averaged, so that a ripple between samples falls out.
 """
@@ -24,6 +26,8 @@ import numpy as np
 from shipgrid.errors import ParameterError
 
 MEASURES = ("band", "min", "max", "abs_max", "mean")
+FIGURES = {"energy_balance_error": "1"}
+"""Figures of the whole run that can be required something of, with their units; as in `summary.json`."""
 
 
 class Series(NamedTuple):
@@ -225,7 +229,9 @@ def judge(requirement: Requirement, series: Series | None) -> Verdict:
     return verdict("met" if complete else "not evaluated", value, margin, at, None)
 
 
-def evaluate(requirements: Iterable[Requirement], run: Recorded) -> list[Verdict]:
+def evaluate(
+    requirements: Iterable[Requirement], run: Recorded, end: float = 0.0, figures: Mapping[str, float] | None = None
+) -> list[Verdict]:
     """Judge all requirements of a scenario.
 
     Parameters
@@ -234,8 +240,21 @@ def evaluate(requirements: Iterable[Requirement], run: Recorded) -> list[Verdict
         What is asked.
     run : Recorded
         What was recorded; a `Results` is one.
+    end : float
+        When the run ended [s]: the instant of its figures.
+    figures : mapping of str to float, optional
+        Values of `FIGURES`; what is required of one that is missing is not evaluated.
     """
-    return [judge(r, run.series(r.signal)) for r in requirements]
+    figures = figures or {}
+
+    def series(name: str) -> Series | None:
+        if name not in FIGURES:
+            return run.series(name)
+        if name not in figures:
+            return None
+        return Series(np.array([end]), np.array([figures[name]]), None, None, FIGURES[name])
+
+    return [judge(r, series(r.signal)) for r in requirements]
 
 
 def _window(series: Series, start: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

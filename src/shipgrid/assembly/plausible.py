@@ -26,7 +26,8 @@ PLAUSIBLE = {
     "pu": 1e3,
     "1": 1e6,
 }
-"""Magnitude by unit. In the hardest transients of the ferry no signal came nearer than a seventieth of its limit."""
+"""Magnitude by unit. In hard transients of the ferry no signal comes nearer than a fifth of its limit
+(`tests/scenarios/test_ferry_at_rest.py`)."""
 
 FINITE = float(np.finfo(float).max)
 """Limit of what only has to be a number: angles, counters, times, node voltages (the network has their limits)."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from shipgrid.analysis.requirements import MEASURES, Requirement
+from shipgrid.analysis.requirements import FIGURES, MEASURES, Requirement
 from shipgrid.equipment.declaration import Command
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
@@ -442,7 +442,9 @@ class _ScenarioReader:
         before = len(self.problems)
         unit = None
         signal = self.text(section, "signal", path, "the name of a signal")
-        if signal is not None and not self.unjudged(signal):
+        if signal in FIGURES:
+            unit = FIGURES[signal]
+        elif signal is not None and not self.unjudged(signal):
             published = self.catalogue.signals.get(signal)
             if published is None:
                 hint = nearest(signal, self.catalogue.signals)

@@ -21,7 +21,7 @@ import numpy as np
 
 import shipgrid
 from shipgrid.analysis.divergence import culprit
-from shipgrid.analysis.requirements import evaluate
+from shipgrid.analysis.requirements import FIGURES, evaluate
 from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
@@ -263,7 +263,8 @@ def _record(
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
     with open_results(folder) as written:
-        summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written)]
+        figures = {name: summary[name] for name in FIGURES}
+        summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
 
 
