@@ -33,7 +33,7 @@ what the legs have done since the last edge goes from step to step. Gates act at
 in the sign of a current that s drives. With a dead time it is that of the middle between `lo` and `hi`; with one
 switch driven, that of the diode that conducts while that switch is open.
 
-Source: [Holmes2003] ch. 3; docs/theory/converters.md.
+Source: [Holmes2003] ch. 3; docs/theory/modulation.md.
 """
 
 from __future__ import annotations
