@@ -1,9 +1,10 @@
-# Everything lives in .venv; all it takes is git, make and Python 3.11 or newer with venv.
+# Everything lives in .venv, but for ngspice; all it takes is git, make and Python 3.11 or newer with venv.
 #
 #   make run       install, then sail the ferry's mission: results/mission-averaged/
 #   make test      install, then lint, contracts, types and tests (under 20 minutes on two cores)
 #   make full      what is too slow for `make test`
 #   make install   only install; ends with the kernels compiled into the user's cache
+#   make ngspice   the system's ngspice, with which the tests compare; part of `make test` where apt-get may be used
 #   make lint      ruff, import-linter, pyright
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 2
 
-.PHONY: run install install-test test full lint format clean
+.PHONY: run install install-test ngspice test full lint format clean
 
 run: install
 	$(BIN)/shipgrid run
@@ -21,6 +22,13 @@ install: $(VENV)/.installed
 	$(BIN)/shipgrid warm
 
 install-test: $(VENV)/.installed-test
+	@command -v ngspice > /dev/null || $(MAKE) --no-print-directory ngspice
+
+# The verification tests compare circuits with ngspice, a system package; without it they fail, and say this again.
+ngspice:
+	@if [ "$$(id -u)" = 0 ]; then apt="apt-get"; else apt="sudo -n apt-get"; fi; \
+		{ $$apt update -qq && $$apt install --yes -qq ngspice > /dev/null && command -v ngspice; } || \
+		echo "ngspice is missing and could not be installed: as root, apt-get install ngspice; tests that need it will fail"
 
 $(VENV)/.created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -24,7 +24,7 @@ band nothing in (1) can turn it back, and an error reaches up to twice the band.
 Without gates the comparators go on; a leg takes up their state when the gates are released. `lead` as in
 modulators/time_stamped.py.
 
-Source: [Brod1985]; docs/theory/propulsion.md.
+Source: [Brod1985]; docs/theory/modulation.md.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ what the legs have done since the last edge goes from step to step. Gates act at
 in the sign of a current that s drives. With a dead time it is that of the middle between `lo` and `hi`; with one
 switch driven, that of the diode that conducts while that switch is open.
 
-Source: [Holmes2003] ch. 3; docs/theory/converters.md.
+Source: [Holmes2003] ch. 3; docs/theory/modulation.md.
 """
 
 from __future__ import annotations
@@ -77,21 +77,21 @@ class Carrier:
 
 
 @kernel
-def on_time(phase, duty):
-    """Time [periods] that the upper switch is on between phase 0 and `phase`: (2), for a `duty` from 0 to 1."""
+def so_far(phase, duty):
+    """Time [periods] that the upper switch has been on since phase 0, and edges: (2), for a `duty` from 0 to 1."""
     whole = np.floor(phase)
-    return duty * whole + clip(phase - whole - 0.5 * (1.0 - duty), 0.0, duty)
+    since = phase - whole - 0.5 * (1.0 - duty)
+    if since < 0.0:
+        return duty * whole, 2.0 * whole
+    if since < duty:
+        return duty * whole + since, 2.0 * whole + 1.0
+    return duty * whole + duty, 2.0 * whole + 2.0
 
 
 @kernel
-def edges_until(phase, duty):
-    """Number of edges after phase 0 and up to `phase`."""
-    if not 0.0 < duty < 1.0:
-        return 0.0
-    whole = np.floor(phase)
-    place = phase - whole
-    since = 1.0 if place >= 0.5 * (1.0 - duty) else 0.0
-    return 2.0 * whole + since + (1.0 if place >= 0.5 * (1.0 + duty) else 0.0)
+def edges_of(count, duty):
+    """`count` edges, or none of a leg that never switches."""
+    return count if 0.0 < duty < 1.0 else 0.0
 
 
 @kernel
@@ -126,18 +126,22 @@ def pulse(phase, end, turns, fraction, before, after):
     before, after : float
         Duty ratio until then and from then on.
     """
-    advance = end - phase + turns
-    on = turns * after + on_time(end, after)
-    edges = (2.0 * turns if 0.0 < after < 1.0 else 0.0) + edges_until(end, after)
+    per_step = 1.0 / (end - phase + turns)
+    on_0, edges_0 = so_far(phase, before)
+    on_1, edges_1 = so_far(end, after)
+    on_1 += turns * after
+    edges_1 += 2.0 * turns
     if fraction < 0.0:
-        s = (on - on_time(phase, before)) / advance
-        return clip(s, 0.0, 1.0), 0.0, edges - edges_until(phase, before)  # beyond 0 or 1 there is only rounding
-    at = phase + fraction * advance
-    first = on_time(at, before) - on_time(phase, before)
-    s = (first + on - on_time(at, after)) / advance
-    edges += edges_until(at, before) - edges_until(phase, before) - edges_until(at, after)
+        s = (on_1 - on_0) * per_step
+        return clip(s, 0.0, 1.0), 0.0, edges_of(edges_1 - edges_0, before)  # beyond 0 or 1 there is only rounding
+    at = phase + fraction * (end - phase + turns)
+    on_f, edges_f = so_far(at, before)
+    on_g, edges_g = so_far(at, after)
+    first = (on_f - on_0) * per_step
+    s = first + (on_1 - on_g) * per_step
+    edges = edges_of(edges_f - edges_0, before) + edges_of(edges_1 - edges_g, after)
     jump = 1.0 if is_on(at, before) != is_on(at, after) else 0.0
-    return clip(s, 0.0, 1.0), first / advance - fraction * s, edges + jump
+    return clip(s, 0.0, 1.0), first - fraction * s, edges + jump
 
 
 @kernel
