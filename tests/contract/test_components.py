@@ -339,7 +339,8 @@ def balance(bench: Bench) -> tuple[float, float, float, float]:
     power = [weight * u[terminal.v] * y[terminal.i] for terminal in kind.terminals]
     if kind.name in POWER_BESIDE_TERMINALS:
         power.append(POWER_BESIDE_TERMINALS[kind.name](x, u, p, y))
-    book = {k: bench.call(k, bench.records())[0] for k in ("losses", "supplied", "consumed") if k in kind.kernels}
+    books = [k for k in ("losses", "supplied", "consumed") if k in kind.kernels]
+    book = {k: bench.call(k, bench.records() | {"y": y})[0] for k in books}
     stored = 0.0
     if "stored_energy" in kind.kernels:
         bench.call("derivatives", given)

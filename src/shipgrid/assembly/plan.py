@@ -457,7 +457,7 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         kind = type_of(placed.item)
         space = state_space(placed.item)
         states = names_of(kind.state)
-        held = [(), *[tuple(states.index(s) for s in v) for v in kind.variants.values()]]
+        held = [None if v is None else tuple(states.index(s) for s in v) for v in placed.positions]
         sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
         selector = layout.place(placed.variant, placed.path) if placed.variant else None
         blocks = [stage_matrices(space, gh, rows) for rows in held]

@@ -182,6 +182,21 @@ class ComponentType:
     variants: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     derive: Callable[[Any], Mapping[str, Any]] | None = None
     passive: bool = False
+    operated: bool = False
+
+    @property
+    def two_axis_ends(self) -> dict[str, tuple[str, str]]:
+        """Three-phase ends of a device that takes both axes at once, with their terminals; empty for any other.
+
+        Terminals `alpha` and `beta` are the only end of a machine, its stator; `grid_alpha` and `grid_beta` the end
+        `grid`.
+        """
+        names = [terminal.name for terminal in self.terminals]
+        if names == ["alpha", "beta"]:
+            return {"stator": ("alpha", "beta")}
+        stems = [name.removesuffix("_alpha") for name in names if name.endswith("_alpha")]
+        pairs = {stem: (f"{stem}_alpha", f"{stem}_beta") for stem in stems}
+        return pairs if stems and sorted(names) == sorted(n for pair in pairs.values() for n in pair) else {}
 
     @property
     def linear(self) -> bool:
@@ -230,6 +245,7 @@ def component(
     terminals: tuple[Terminal, ...] = (),
     variants: Mapping[str, tuple[str, ...]] | None = None,
     passive: bool = False,
+    operated: bool = False,
     **kernels: Any,
 ) -> Callable[[type[Declared]], type[Declared]]:
     """Register a device: its record classes, kernels and terminals.
@@ -251,6 +267,8 @@ def component(
         For a linear element: named states of its contacts, each the tuple of states that are held at zero.
     passive : bool
         Its losses are never negative (contract test).
+    operated : bool
+        Its contact, the variant `open`, has a command of its own unless a connection says what moves it.
     **kernels
         Any of `KERNELS`.
 
@@ -281,6 +299,7 @@ def component(
             dict(variants or {}),
             derive,
             passive,
+            operated,
         )
         made.__component__ = kind  # type: ignore[attr-defined]
         other = REGISTRY.get(made.__name__)

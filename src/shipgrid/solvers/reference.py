@@ -248,7 +248,7 @@ class _Contact:
     """Contacts of one element: which states each position holds at zero."""
 
     place: int
-    held: list[list[int]]
+    held: list[list[int] | None]
     ports: slice
     n_states: int
 
@@ -319,7 +319,7 @@ class _Plant:
                 source_places.append(layout.slots["u", f"{i.path}.{name}"])
             if i.placed.variant:
                 names = names_of(i.type.kind.state)
-                held = [[states.start + names.index(x) for x in v] for v in ((), *i.type.kind.variants.values())]
+                held = [None if v is None else [states.start + names.index(x) for x in v] for v in i.placed.positions]
                 self.contacts.append(_Contact(layout.place(i.placed.variant, i.path), held, ports, len(space.A)))
         s = len(source_places)
         self.B_s, self.D_s = np.array(b_source).reshape(s, n).T, np.array(d_source).reshape(s, m).T
@@ -417,10 +417,10 @@ class _Plant:
         for contact in self.contacts:
             position = int(sig[contact.place])
             rows = contact.held[position if 0 <= position < len(contact.held) else 0]
-            held += rows
-            if rows and len(rows) == contact.n_states:
+            held += rows or []
+            if rows is not None and len(rows) == contact.n_states:
                 opened.append(contact.ports)
-        setting = (coefficient.tobytes(), tuple(held))
+        setting = (coefficient.tobytes(), (tuple(held), tuple(ports.start for ports in opened)))
         if setting != self.setting:
             if self.setting is None or setting[1] != self.setting[1]:
                 self.age = JACOBIAN_LIFE
