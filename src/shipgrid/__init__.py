@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from shipgrid.components.electrical.breaker import Breaker
     from shipgrid.components.electrical.capacitor import Capacitor
+    from shipgrid.components.electrical.choke import Choke
     from shipgrid.components.electrical.coupled_inductors import CoupledInductors
     from shipgrid.components.electrical.lcl_filter import LclFilter
     from shipgrid.components.electrical.load import Load
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from shipgrid.model import Terminal, component, kernel, param, signal
     from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
     from shipgrid.modulators.open_loop import SineModulation
-    from shipgrid.scenarios.circuit import CircuitRun, RunnablePlan, assemble
+    from shipgrid.scenarios.circuit import CircuitRun, assemble
     from shipgrid.scenarios.events import At, Close, Open, Set
     from shipgrid.scenarios.results import Results, open_results
     from shipgrid.scenarios.runner import simulate
@@ -49,6 +50,7 @@ __all__ = [
     "At",
     "Breaker",
     "Capacitor",
+    "Choke",
     "CircuitRun",
     "Close",
     "CoupledInductors",
@@ -67,7 +69,6 @@ __all__ = [
     "Results",
     "RlBranch",
     "RlcBranch",
-    "RunnablePlan",
     "Sampled",
     "Scenario",
     "Set",
@@ -92,6 +93,7 @@ __all__ = [
 _HOMES = {
     "shipgrid.components.electrical.breaker": ("Breaker",),
     "shipgrid.components.electrical.capacitor": ("Capacitor",),
+    "shipgrid.components.electrical.choke": ("Choke",),
     "shipgrid.components.electrical.coupled_inductors": ("CoupledInductors",),
     "shipgrid.components.electrical.lcl_filter": ("LclFilter",),
     "shipgrid.components.electrical.load": ("Load",),
@@ -108,7 +110,7 @@ _HOMES = {
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
     "shipgrid.model.network": ("Across", "Every", "Network", "Pole", "Pole3", "Sampled"),
     "shipgrid.modulators.open_loop": ("SineModulation",),
-    "shipgrid.scenarios.circuit": ("CircuitRun", "RunnablePlan", "assemble"),
+    "shipgrid.scenarios.circuit": ("CircuitRun", "assemble"),
     "shipgrid.scenarios.events": ("At", "Close", "Open", "Set"),
     "shipgrid.scenarios.results": ("Results", "open_results"),
     "shipgrid.scenarios.runner": ("simulate",),

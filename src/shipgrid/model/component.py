@@ -302,6 +302,7 @@ def component(
             operated,
         )
         made.__component__ = kind  # type: ignore[attr-defined]
+        made.__doc__ = described(made)
         other = REGISTRY.get(made.__name__)
         if other is not None and other.cls.__module__ != made.__module__:
             raise TypeError(f"component {made.__name__} is declared in {other.cls.__module__} already")
@@ -309,6 +310,16 @@ def component(
         return made
 
     return decorate
+
+
+def described(cls: type) -> str:
+    """Docstring of a component class with its parameters: what they are, unit, bounds and default."""
+    rows = []
+    for name, unit, bounds, default in parameters_of(cls):
+        given = "" if default is None else f"; {default:g} if left out"
+        rows += [f"{name} : float", f"    {bounds.description}, {bounds} [{unit}]{given}"]
+    text = inspect.cleandoc(cls.__doc__ or "")
+    return "\n".join([text, "", "Parameters", "----------", *rows]) if rows else text
 
 
 def type_of(item: Any) -> ComponentType:

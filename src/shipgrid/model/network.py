@@ -361,7 +361,8 @@ class Network:
         for name, end in ends.items():
             if not isinstance(end, DcBus | AcBus):
                 raise TopologyError(
-                    f"{path} ({kind.name}): end '{name}' of a branch between two buses is {_said(end)}, expected a bus"
+                    f"{path} ({kind.name}): end '{name}' of a branch between two buses is {_said(end)}, expected a bus "
+                    "(a Choke takes a converter's pole at either end)"
                 )
         if type(a) is not type(b):
             raise TopologyError(
