@@ -67,10 +67,11 @@ def draw(run: sg.CircuitRun, path: Path) -> None:
         series = run.phases(stem)[0][late]
         axes[2].plot(1e3 * series["time"], series / peak, lw=1.2, label=label)
     axes[2].set_ylabel("phase a, pu")
-    axes[2].set_xlabel("time, ms")
     axes[2].legend(loc="upper right", fontsize=8)
     axes[0].set_title("Dyn11, 50 kVA, closed where phase a passes through zero", fontsize=10)
-    for axis in axes:
+    for axis, top in zip(axes, (1.7, 1.8, 1.6), strict=True):
+        axis.set_ylim(top=top)
+        axis.set_xlabel("time, ms")
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=110)
     plt.close(figure)

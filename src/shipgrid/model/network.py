@@ -257,7 +257,9 @@ class Network:
         kind = type_of(item)
         given = self._ends(path, kind, {**(ports or {}), **ends})
         variant = self._position(path, kind, variant, contact)
-        if any(_three_phase(end) for end in given.values()):
+        if any(_three_phase(end) for end in given.values()) or (
+            kind.two_axis_ends and not any(isinstance(end, PortBinding) for end in given.values())
+        ):
             self._add_three_phase(path, item, given, inputs or {}, initial, clock, variant)
             return
         self._check_free(path)
