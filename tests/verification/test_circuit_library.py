@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import shipgrid as sg
+from shipgrid.cli.explain import tie_rows
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.component import type_of
@@ -130,6 +132,19 @@ def test_the_lcl_inverter_is_its_averaged_equations_with_order_two(tmp_path):
     assert errors[1].max() < 5e-3  # at the start, where the filter rings at 600 Hz
     assert abs(run.energy_balance_error) < 1e-3
     assert drawn(circuit, run, tmp_path) > 30_000
+
+
+def test_the_page_on_circuits_runs():
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "circuits.md").read_text()
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert len(blocks) == 3
+    scope = {}
+    for block in blocks:
+        exec(block, scope)
+    assert [e.text for e in scope["run"].events] == ["closed", "set to 0.8"]
+    assert scope["more"]["dc.v_dc"]["time"].values[[0, -1]] == pytest.approx([0.25, 0.3], abs=30e-6)
+    table = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    assert all(hasattr(sg, name) for row in table for name in re.findall(r"`(\w+)`", row))
 
 
 @pytest.fixture(scope="module")
@@ -441,6 +456,20 @@ def test_a_signal_may_move_a_contact_and_a_command_the_duty_of_a_leg():
     for at, s, load in ((0.0999, 0.4, 5.0), (0.1999, 0.4, 10.0), (0.2999, 0.6, 10.0)):
         expected = s * 100.0 / (1.0 + (0.1 + s**2 * 1e-3) / load)
         assert float(v.sel(time=at, method="nearest")) == pytest.approx(expected, rel=1e-5)
+
+
+def test_explain_says_which_ties_settle_within_a_step():
+    net = sg.Network("ties")
+    a, b, c = (net.dc_bus(name, 750.0) for name in "abc")
+    for bus in (a, b, c):
+        net.capacitance(bus, 10e-3)
+    net.add("bar", sg.Breaker(R_on=1e-4), a=a, b=b)
+    net.add("cable", sg.RlBranch(R=2e-3, L=9e-6), a=b, b=c)
+    net.add("load", sg.Resistor(R=1.0), a=c)
+    bar, cable = tie_rows(net, 30e-6)
+    assert bar == ("bar", "a and b", "0.5 us", "60", "solved; settles within a step, not merged")
+    assert cable[:2] == ("cable", "b and c") and cable[4] == "solved, step by step"
+    assert float(cable[2].removesuffix(" us")) == pytest.approx(1e6 * math.sqrt(9e-6 * 5e-3), rel=0.01)
 
 
 def test_a_run_that_diverges_says_so_and_keeps_what_it_has():
