@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from shipgrid.components.electrical.resistor import Resistor
     from shipgrid.components.electrical.rl_branch import RlBranch
     from shipgrid.components.electrical.rlc_branch import RlcBranch
+    from shipgrid.components.electrical.three_pole_breaker import ThreePoleBreaker
     from shipgrid.components.electrical.transformer import Transformer
     from shipgrid.components.machines.pmsm import Pmsm
     from shipgrid.components.sources.dc_source import CurrentSource, DcSource, InductiveDcSource
@@ -77,6 +78,7 @@ __all__ = [
     "SynchronousGenerator",
     "Terminal",
     "ThreePhaseSource",
+    "ThreePoleBreaker",
     "Transformer",
     "__version__",
     "assemble",
@@ -100,6 +102,7 @@ _HOMES = {
     "shipgrid.components.electrical.resistor": ("Resistor",),
     "shipgrid.components.electrical.rl_branch": ("RlBranch",),
     "shipgrid.components.electrical.rlc_branch": ("RlcBranch",),
+    "shipgrid.components.electrical.three_pole_breaker": ("ThreePoleBreaker",),
     "shipgrid.components.electrical.transformer": ("Transformer",),
     "shipgrid.components.machines.pmsm": ("Pmsm",),
     "shipgrid.components.sources.dc_source": ("CurrentSource", "DcSource", "InductiveDcSource"),

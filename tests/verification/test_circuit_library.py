@@ -271,6 +271,74 @@ def test_an_unloaded_source_shows_its_harmonics_and_its_unbalance():
     assert np.abs(run["grid.i_alpha"]).max() < 1e-9
 
 
+def test_a_three_pole_breaker_clears_one_pole_then_the_other_two():
+    """A star of R-L on a stiff grid: the first pole at its zero, the others, in series on a line voltage, at theirs."""
+    R, L, E, step, told = 1.0, 5e-3, math.sqrt(2.0 / 3.0) * 400.0, 10e-6, 0.1
+    omega = 2.0 * math.pi * 60.0
+    net = sg.Network("breaker")
+    grid, load = net.ac_bus("grid", 400.0, 60.0), net.ac_bus("load", 400.0, 60.0)
+    net.add("source", sg.ThreePhaseSource(R=1e-3, L=1e-7), a=grid)
+    net.add("breaker", sg.ThreePoleBreaker(R_on=1e-4), a=grid, b=load, contact="closed")
+    net.add("load", sg.RlBranch(R=R, L=L), a=load)
+    plan = sg.assemble(net, step=step)
+    run = plan.run(events=[sg.At(told, sg.Open("breaker"))], until=0.13)
+    t = run["breaker.open_a"]["time"].values
+    opened = {k: float(t[np.argmax(run[f"breaker.open_{k}"].values > 0.5)]) for k in "abc"}
+    first, *others = sorted(opened, key=opened.get)
+
+    total_R, total_L = R + 1e-3 + 1e-4, L + 1e-7
+    z = total_R + 1j * omega * total_L
+    zeros = {}
+    for n, k in enumerate("abc"):  # steady before: the next zero of phase k
+        angle = np.angle(1.0 / z) - 2.0 * math.pi * n / 3.0
+        zeros[k] = (
+            math.ceil((omega * told + angle - math.pi / 2.0) / math.pi) * math.pi + math.pi / 2.0 - angle
+        ) / omega
+    assert first == min(zeros, key=zeros.get)
+    assert opened[first] == pytest.approx(zeros[first], abs=1.5 * step)
+
+    # from then on one loop: the line voltage on twice the impedance
+    begun, (k, m) = zeros[first], others
+    currents = run.phases("breaker.i")
+    i_0 = (
+        float(currents.sel(phase=k, time=begun, method="nearest"))
+        if False
+        else abs(E / abs(z)) * math.cos(omega * begun + np.angle(1.0 / z) - 2.0 * math.pi * "abc".index(k) / 3.0)
+    )
+    v_line = E * (np.exp(-2j * math.pi * "abc".index(k) / 3.0) - np.exp(-2j * math.pi * "abc".index(m) / 3.0))
+    forced = v_line / (2.0 * z)
+
+    def current(at):
+        decay = np.exp(-total_R / total_L * (at - begun))
+        return (forced * np.exp(1j * omega * at)).real + (i_0 - (forced * np.exp(1j * omega * begun)).real) * decay
+
+    at = begun + np.arange(1, 2000) * 1e-6 * 5.0
+    crossing = at[np.argmax(np.sign(current(at)) != np.sign(current(at[0])))]
+    assert opened[k] == opened[m] == pytest.approx(crossing, abs=2.0 * step)
+    assert opened[k] - opened[first] == pytest.approx(0.25 / 60.0, rel=0.1)  # a quarter of a period
+    between = (t > opened[first] + 2.0 * step) & (t < opened[k])
+    got = currents[["abc".index(k), "abc".index(m), "abc".index(first)]].values[:, between]
+    assert got[0] == pytest.approx(current(t[between]), abs=2e-3 * E / abs(z))  # the zero was found up to a step late
+    assert got[1] == pytest.approx(-got[0], abs=1e-9)
+    assert np.abs(got[2]).max() < 1e-9
+    assert np.abs(currents.values[:, t > opened[k] + step]).max() < 1e-9
+    # hardly anything is chopped: what was stored has been given back
+    assert abs(run.energy_balance_error) < 1e-3
+
+
+def test_a_three_pole_breaker_starts_open_and_closes_at_once():
+    net = sg.Network("breaker")
+    grid, load = net.ac_bus("grid", 400.0, 60.0), net.ac_bus("load", 400.0, 60.0)
+    net.add("source", sg.ThreePhaseSource(R=1e-3, L=1e-7), a=grid)
+    net.add("breaker", sg.ThreePoleBreaker(), a=grid, b=load, contact="open")
+    net.add("load", sg.RlBranch(R=1.0, L=5e-3), a=load)
+    run = sg.assemble(net, step=10e-6).run(events=[sg.At(5e-3, sg.Close("breaker"))], until=10e-3)
+    size = np.hypot(run["breaker.i_alpha_in"], run["breaker.i_beta_in"])
+    t = run["breaker.i_alpha_in"]["time"]
+    assert float(size[t <= 5e-3].max()) == 0.0
+    assert float(size.sel(time=5.5e-3, method="nearest")) > 20.0
+
+
 # --- the library, one circuit after another, in one compiled module ---------------------------------------------------
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from shipgrid.errors import TopologyError
-from shipgrid.model.component import ComponentType, type_of
+from shipgrid.model.component import ComponentType, fields_of, type_of
 
 
 @dataclass(frozen=True)
@@ -256,6 +256,8 @@ class Network:
         """
         kind = type_of(item)
         given = self._ends(path, kind, {**(ports or {}), **ends})
+        if contact is not None and not kind.variants and "close" in {f.name for f in fields_of(kind.input)}:
+            inputs, contact = {**(inputs or {}), "close": _closed(path, kind, contact)}, None
         variant = self._position(path, kind, variant, contact)
         if any(_three_phase(end) for end in given.values()) or (
             kind.two_axis_ends and not any(isinstance(end, PortBinding) for end in given.values())
@@ -352,7 +354,8 @@ class Network:
                         f"{path} ({kind.name}): terminal '{name}' is connected to {_said(bus)}, "
                         f"which is no bus of {self.name}; it has {sorted(self.buses)}"
                     )
-        branch = kind.terminals[0].name if len(kind.terminals) == 1 else ""
+        single = [*kind.two_axis_ends] or [terminal.name for terminal in kind.terminals]
+        branch = single[0] if len(single) == 1 else ""
         if not branch or not set(ends) & {"a", "b"} or set(ends) & {branch}:
             return dict(ends)
         if "a" not in ends or set(ends) - {"a", "b"}:
@@ -385,9 +388,7 @@ class Network:
             raise TopologyError(
                 f"{path} ({kind.name}): contact = '{contact}', but '{variant}' moves its contact already"
             )
-        if contact not in ("closed", "open"):
-            raise TopologyError(f"{path} ({kind.name}): contact = {contact!r}, expected 'closed' or 'open'")
-        return WhenClosed(self.command(f"{path}.close", 1.0 if contact == "closed" else 0.0))
+        return WhenClosed(self.command(f"{path}.close", _closed(path, kind, contact)))
 
     def command(self, path: str, value: float = 0.0) -> str:
         """Path of the signal of a command, declared with its value at the start."""
@@ -407,6 +408,13 @@ class Network:
     def watch_refusal(self, owner: str, source: str, reasons: Mapping[int, str]) -> None:
         """Log each refusal of a command, with its reason."""
         self.watched.append(Watched(owner, source, dict(reasons), refusal=True))
+
+
+def _closed(path: str, kind: ComponentType, contact: str) -> float:
+    """1.0 or 0.0 for a contact that is closed or open at the start."""
+    if contact not in ("closed", "open"):
+        raise TopologyError(f"{path} ({kind.name}): contact = {contact!r}, expected 'closed' or 'open'")
+    return 1.0 if contact == "closed" else 0.0
 
 
 def _three_phase(end: Any) -> bool:

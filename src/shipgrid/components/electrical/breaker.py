@@ -3,8 +3,8 @@
     closed: i = v / R_on,    open: i = 0            (1)
 
 It has the command `<path>.close`, or follows a signal. All poles move at once, at the start of a step. A current that
-it interrupts is gone within the step, and with it what was stored in the inductances in series: there is no arc (a
-real AC breaker waits for the current's zero). Where that matters, give the current another way, or open at its zero.
+it interrupts is gone within the step, and with it what was stored in the inductances in series: there is no arc.
+Where that matters, give the current another way; `ThreePoleBreaker` opens each pole at its current's zero.
 Written per axis for three phases.
 """
 
