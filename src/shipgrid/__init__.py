@@ -19,11 +19,28 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shipgrid.assembly.plan import assemble
+    from shipgrid.components.electrical.breaker import Breaker
+    from shipgrid.components.electrical.capacitor import Capacitor
+    from shipgrid.components.electrical.choke import Choke
+    from shipgrid.components.electrical.coupled_inductors import CoupledInductors
+    from shipgrid.components.electrical.lcl_filter import LclFilter
+    from shipgrid.components.electrical.load import Load
+    from shipgrid.components.electrical.resistor import Resistor
+    from shipgrid.components.electrical.rl_branch import RlBranch
+    from shipgrid.components.electrical.rlc_branch import RlcBranch
+    from shipgrid.components.electrical.three_pole_breaker import ThreePoleBreaker
+    from shipgrid.components.electrical.transformer import Transformer
+    from shipgrid.components.machines.pmsm import Pmsm
+    from shipgrid.components.sources.dc_source import CurrentSource, DcSource, InductiveDcSource
+    from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
+    from shipgrid.components.sources.three_phase_source import ThreePhaseSource
     from shipgrid.io.scenario_file import Scenario, load_scenario
     from shipgrid.io.ship_file import Ship, load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
     from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
+    from shipgrid.modulators.open_loop import SineModulation
+    from shipgrid.scenarios.circuit import CircuitRun, assemble
+    from shipgrid.scenarios.events import At, Close, Open, Set
     from shipgrid.scenarios.results import Results, open_results
     from shipgrid.scenarios.runner import simulate
 
@@ -31,15 +48,38 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Across",
+    "At",
+    "Breaker",
+    "Capacitor",
+    "Choke",
+    "CircuitRun",
+    "Close",
+    "CoupledInductors",
+    "CurrentSource",
+    "DcSource",
     "Every",
+    "InductiveDcSource",
+    "LclFilter",
+    "Load",
     "Network",
+    "Open",
+    "Pmsm",
     "Pole",
     "Pole3",
+    "Resistor",
     "Results",
+    "RlBranch",
+    "RlcBranch",
     "Sampled",
     "Scenario",
+    "Set",
     "Ship",
+    "SineModulation",
+    "SynchronousGenerator",
     "Terminal",
+    "ThreePhaseSource",
+    "ThreePoleBreaker",
+    "Transformer",
     "__version__",
     "assemble",
     "component",
@@ -53,11 +93,28 @@ __all__ = [
 ]
 
 _HOMES = {
-    "shipgrid.assembly.plan": ("assemble",),
+    "shipgrid.components.electrical.breaker": ("Breaker",),
+    "shipgrid.components.electrical.capacitor": ("Capacitor",),
+    "shipgrid.components.electrical.choke": ("Choke",),
+    "shipgrid.components.electrical.coupled_inductors": ("CoupledInductors",),
+    "shipgrid.components.electrical.lcl_filter": ("LclFilter",),
+    "shipgrid.components.electrical.load": ("Load",),
+    "shipgrid.components.electrical.resistor": ("Resistor",),
+    "shipgrid.components.electrical.rl_branch": ("RlBranch",),
+    "shipgrid.components.electrical.rlc_branch": ("RlcBranch",),
+    "shipgrid.components.electrical.three_pole_breaker": ("ThreePoleBreaker",),
+    "shipgrid.components.electrical.transformer": ("Transformer",),
+    "shipgrid.components.machines.pmsm": ("Pmsm",),
+    "shipgrid.components.sources.dc_source": ("CurrentSource", "DcSource", "InductiveDcSource"),
+    "shipgrid.components.sources.synchronous_generator": ("SynchronousGenerator",),
+    "shipgrid.components.sources.three_phase_source": ("ThreePhaseSource",),
     "shipgrid.io.scenario_file": ("Scenario", "load_scenario"),
     "shipgrid.io.ship_file": ("Ship", "load_ship"),
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
     "shipgrid.model.network": ("Across", "Every", "Network", "Pole", "Pole3", "Sampled"),
+    "shipgrid.modulators.open_loop": ("SineModulation",),
+    "shipgrid.scenarios.circuit": ("CircuitRun", "assemble"),
+    "shipgrid.scenarios.events": ("At", "Close", "Open", "Set"),
     "shipgrid.scenarios.results": ("Results", "open_results"),
     "shipgrid.scenarios.runner": ("simulate",),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 
 class ShipgridError(Exception):
@@ -22,7 +23,15 @@ class SteadyStateError(ShipgridError):
 
 
 class SolverError(ShipgridError):
-    """The simulation failed: it diverged, or left what its equations are valid for."""
+    """The simulation failed: it diverged, or left what its equations are valid for.
+
+    Attributes
+    ----------
+    run : CircuitRun or None
+        What a run at circuit level had computed before it failed.
+    """
+
+    run: Any = None
 
 
 class RealTimeError(ShipgridError):

@@ -271,14 +271,16 @@ def test_a_stamp_is_the_derivative_of_one_implicit_euler_step(name):
 
         # The angle advances with the predicted speed, which follows from it by the angle's own equation.
         start, at = flat_of(before["x"]).copy(), end.copy()
-        (angle,) = (k for k, f in enumerate(fields_of(kind.state)) if f.signal.rotates)
-        drives = np.flatnonzero(bench.jacobian("derivatives", "dx", "x")[angle])
-        bench.call("derivatives", before)
-        rate = flat_of(before["dx"])[angle]
-        for k in drives:
-            slope = bench.jacobian("derivatives", "dx", "x")[angle, k]
-            at[k] = start[k] + ((end[angle] - start[angle]) / GH - rate) / slope
-            assert at[k] == pytest.approx(end[k], abs=0.02)  # second order in 9 us; a wrong sign would be seen
+        angles = [k for k, f in enumerate(fields_of(kind.state)) if f.signal.rotates]
+        drives = []
+        for angle in angles:
+            drives = np.flatnonzero(bench.jacobian("derivatives", "dx", "x")[angle])
+            bench.call("derivatives", before)
+            rate = flat_of(before["dx"])[angle]
+            for k in drives:
+                slope = bench.jacobian("derivatives", "dx", "x")[angle, k]
+                at[k] = start[k] + ((end[angle] - start[angle]) / GH - rate) / slope
+                assert at[k] == pytest.approx(end[k], abs=0.02)  # second order in 9 us; a wrong sign would be seen
         bench.values["x"] = dict(zip(names, at, strict=True))
         there = bench.records()
         bench.call("derivatives", there)
@@ -288,7 +290,7 @@ def test_a_stamp_is_the_derivative_of_one_implicit_euler_step(name):
         v = np.array([bench.values["u"][k] for k in volts])
         assert close(flat_of(there["y"])[ports], G @ v + h, 1e-9), name
 
-        electrical = [k for k in range(len(names)) if k != angle and k not in drives]
+        electrical = [k for k in range(len(names)) if k not in angles and k not in drives]
         A = bench.jacobian("derivatives", "dx", "x")[np.ix_(electrical, electrical)]
         B = bench.jacobian("derivatives", "dx", "u")[np.ix_(electrical, columns)]
         C = bench.jacobian("outputs", "y", "x")[np.ix_(ports, electrical)]
@@ -336,7 +338,8 @@ def balance(bench: Bench) -> tuple[float, float, float, float]:
     power = [weight * u[terminal.v] * y[terminal.i] for terminal in kind.terminals]
     if kind.name in POWER_BESIDE_TERMINALS:
         power.append(POWER_BESIDE_TERMINALS[kind.name](x, u, p, y))
-    book = {k: bench.call(k, bench.records())[0] for k in ("losses", "supplied", "consumed") if k in kind.kernels}
+    books = [k for k in ("losses", "supplied", "consumed") if k in kind.kernels]
+    book = {k: bench.call(k, bench.records() | {"y": y})[0] for k in books}
     stored = 0.0
     if "stored_energy" in kind.kernels:
         bench.call("derivatives", given)

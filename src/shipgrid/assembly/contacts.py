@@ -39,7 +39,7 @@ def energy_of_contacts(
         ledgers.append(items.index(entry))
         first.append(len(rows) - 1)
         form = energy_form(placed)
-        for held in ((), *type_of(placed.item).variants.values()):
+        for held in (states or () for states in placed.positions):
             terms += [
                 (layout.slots["x", f"{placed.path}.{a}"], layout.slots["x", f"{placed.path}.{b}"], s)
                 for (a, b), s in form.items()

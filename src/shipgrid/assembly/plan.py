@@ -500,7 +500,7 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     for _, _, placed in elements:
         kind = type_of(placed.item)
         states = names_of(kind.state)
-        held = [(), *[tuple(states.index(s) for s in v) for v in kind.variants.values()]]
+        held = [None if v is None else tuple(states.index(s) for s in v) for v in placed.positions]
         spaces = [state_space(placed.item, k) for k in range(len(held))]
         space = spaces[0]
         sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]

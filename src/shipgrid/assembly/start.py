@@ -1,4 +1,4 @@
-"""Outputs before the first step: every signal that follows from the states is made to agree with them."""
+"""Before the first step: every signal that follows from the states is made to agree with them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from shipgrid.assembly.layout import ONE, TypeLayout
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import type_order, type_views
+from shipgrid.assembly.weave import NORTON, type_order, type_views
 from shipgrid.model.kernel import argument_names, call_uncompiled
+from shipgrid.model.records import names_of
+from shipgrid.solvers.companion import stage_matrices, state_space
 
 
 def settle_outputs(plan: Plan, work: Workspace) -> None:
@@ -45,3 +48,83 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
         sig[pairs[:, 0]] = sig[pairs[:, 1]]
     work.step.previous[:] = sig
     work.step.watched_was[:] = sig[plan.step.watched]
+
+
+VANISHING = 1e-6
+"""Length of the step that finds the network's voltages, over that of the plan: what it moves is lost in rounding."""
+
+
+def settle_network(plan: Plan, work: Workspace) -> None:
+    """Find the voltages of buses without capacitance, and the terminal quantities of all elements.
+
+    One implicit Euler step of vanishing length, solved densely; states and capacitor voltages stay what they are. A
+    bus that nothing defines is at zero.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Its flat vector is changed in place.
+    """
+    sig, layout, network = work.sig, plan.layout, plan.network
+    gh = VANISHING * plan.h
+    number = {name: k for k, name in enumerate(layout.nodes)}
+    capacitance = np.array([network.capacitances.get(name, 0.0) for name in layout.nodes])
+    start = sig[[layout.index[name] for name in layout.nodes]]
+    Y = np.diag(capacitance / gh + [network.conductances.get(name, 0.0) for name in layout.nodes])
+    rhs = capacitance / gh * start
+    ports = []
+    for t in layout.types:
+        if not t.kind.terminals:
+            continue
+        views = dict(type_views(plan, work, t)) if t.kind.stamped else {}
+        for i, placed in enumerate(t.placed):
+            W, history = _stamped(plan, work, t, i, views, gh) if t.kind.stamped else _linear(plan, work, t, i, gh)
+            bindings = [placed.ports[terminal.name] for terminal in t.kind.terminals]
+            c = sig[[layout.place(b.coefficient, placed.path) if b.coefficient else ONE for b in bindings]]
+            incidence = np.zeros((len(bindings), len(number)))
+            for r, binding in enumerate(bindings):
+                for node, sign in ((binding.plus, 1.0), (binding.minus, -1.0)):
+                    if node:
+                        incidence[r, number[node]] += sign
+            left = incidence.T * (np.array([b.weight for b in bindings]) * c)
+            Y += left @ W @ (c[:, None] * incidence)
+            rhs -= left @ history
+            ports.append((t, placed, c[:, None] * incidence, W, history))
+    scale = 1.0 / np.sqrt(np.where(np.diag(Y) > 0.0, np.diag(Y), 1.0))
+    v = scale * np.linalg.lstsq(scale[:, None] * Y * scale, scale * rhs, rcond=1e-12)[0]
+    v = np.where(capacitance > 0.0, start, v)
+    sig[[layout.index[name] for name in layout.nodes]] = v
+    for t, placed, incidence, W, history in ports:
+        voltage = incidence @ v
+        for terminal, volt, ampere in zip(t.kind.terminals, voltage, W @ voltage + history, strict=True):
+            sig[layout.slots["u", f"{placed.path}.{terminal.v}"]] = volt
+            sig[layout.slots["y", f"{placed.path}.{terminal.i}"]] = ampere
+
+
+def _linear(plan: Plan, work: Workspace, t: TypeLayout, i: int, gh: float) -> tuple[np.ndarray, np.ndarray]:
+    """Admittance and history of a linear element's implicit Euler step, its contacts where they stand."""
+    placed, sig = t.placed[i], work.sig
+    space = state_space(placed.item)
+    at = int(sig[plan.layout.place(placed.variant, placed.path)]) if placed.variant else 0
+    position = placed.positions[at if 0 <= at < len(placed.positions) else 0]
+    names = names_of(t.kind.state)
+    held = None if position is None else tuple(names.index(name) for name in position)
+    M, N, C, D, W = stage_matrices(space, gh, held)
+    m = len(C)
+    x = sig[t.x + i * t.nx : t.x + (i + 1) * t.nx]
+    sources = sig[[plan.layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]]
+    return W, C @ (M @ x + N[:, m:] @ sources) + D[:, m:] @ sources
+
+
+def _stamped(
+    plan: Plan, work: Workspace, t: TypeLayout, i: int, views: dict[str, Any], gh: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Norton equivalent of a stamped device's implicit Euler step."""
+    kernel, key = t.kind.kernels["stamp"], t.kind.key
+    norton = np.zeros(1, NORTON).view(np.recarray)[0]
+    values: dict[str, Any] = {"t": 0.0, "gh": gh, "n": norton, "tables": plan.step.tables, "delays": work.step.delays}
+    values |= {n: views[f"{key}_{n}"].view(np.recarray)[i] for n in argument_names(kernel) if n not in values}
+    with np.errstate(all="ignore"):
+        call_uncompiled(kernel, values)
+    return np.array([[norton.g_aa, norton.g_ab], [norton.g_ba, norton.g_bb]]), np.array([norton.h_a, norton.h_b])

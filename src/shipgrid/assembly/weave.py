@@ -476,6 +476,22 @@ def type_order(plan: Plan) -> list[TypeLayout]:
     return [by_key[key] for key in done]
 
 
+def powers(plan: Plan, work: Workspace) -> np.ndarray:
+    """Power [W] of each entry of `Plan.energy_items` at this instant."""
+    found = []
+    for t in plan.layout.types:
+        ledgers = [ledger for ledger in LEDGERS if ledger in t.kind.kernels]
+        views = dict(type_views(plan, work, t)) if ledgers else {}
+        for i, placed in enumerate(t.placed):
+            for ledger in ledgers:
+                kernel = t.kind.kernels[ledger]
+                names = argument_names(kernel)
+                values = {n: plan.step.tables if n == "tables" else views[f"{t.kind.key}_{n}"][i] for n in names}
+                found.append(placed.axis_weight * float(call_uncompiled(kernel, values)))
+    shunts = plan.step.shunt_g * work.sig[plan.step.shunt_node] ** 2
+    return np.concatenate([found, shunts])
+
+
 def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
     """Energy [J] stored in each component and bus capacitance at this instant."""
     found = {}

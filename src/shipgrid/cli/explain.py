@@ -21,6 +21,9 @@ def explain_ship(ship: Any, step: float) -> None:
     ship.build(network)
     _buses(network)
     _elements(network, step)
+    ties = tie_rows(network, step)
+    heads = ("element", "between", "shortest time constant with them", f"{1e6 * step:g} us over it", "which is")
+    table("Ties between capacitive buses", heads, ties)
     _islands(network)
     _stages(network, step)
     types = {type_of(placed.item).name for placed in network.placed.values()}
@@ -85,6 +88,43 @@ def _elements(network: Network, step: float) -> None:
         rows.append((placed.path, kind.name, f"{len(a)} states", constant, ratio))
     heads = ("element", "type", "solved as", "shortest time constant, terminals shorted", f"{1e6 * step:g} us over it")
     table("Network elements", heads, rows)
+
+
+STIFF = 10.0
+"""A tie whose time constant with the capacitances at its ends is below a tenth of the step settles within the step."""
+
+
+def tie_rows(network: Network, step: float) -> list[tuple[str, str, str, str, str]]:
+    """Elements between two buses with capacitance: how fast they equalise them, and what the solver makes of that.
+
+    Nothing is merged but what lies in parallel at one bus: a tie keeps its current and its contact, and the rule takes
+    one that is faster than a step (docs/decisions/0008-stiff-ties.md).
+
+    Parameters
+    ----------
+    network : Network
+    step : float
+        Step [s].
+    """
+    rows = []
+    for placed in network.placed.values():
+        if not type_of(placed.item).linear or placed.path.endswith(".beta"):
+            continue
+        space = state_space(placed.item)
+        for k, terminal in enumerate(type_of(placed.item).terminals):
+            binding = placed.ports[terminal.name]
+            ends = [network.capacitances.get(node or "", 0.0) for node in (binding.plus, binding.minus)]
+            if min(ends) <= 0.0:
+                continue
+            series = ends[0] * ends[1] / (ends[0] + ends[1])
+            row, column = -space.C[k : k + 1] / series, space.B[:, k : k + 1]
+            roots = np.linalg.eigvals(np.block([[space.A, column], [row, -space.D[k : k + 1, k : k + 1] / series]]))
+            fastest = float(np.max(np.abs(roots)))
+            names = " and ".join(str(node).rpartition(".")[0] for node in (binding.plus, binding.minus))
+            said = "solved; settles within a step, not merged" if step * fastest > STIFF else "solved, step by step"
+            path = placed.path.removesuffix(".alpha")
+            rows.append((path, names, f"{1e6 / fastest:.3g} us", f"{step * fastest:.3g}", said))
+    return rows
 
 
 def _stages(network: Network, step: float) -> None:

@@ -188,6 +188,21 @@ class ComponentType:
     variants: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     derive: Callable[[Any], Mapping[str, Any]] | None = None
     passive: bool = False
+    operated: bool = False
+
+    @property
+    def two_axis_ends(self) -> dict[str, tuple[str, str]]:
+        """Three-phase ends of a device that takes both axes at once, with their terminals; empty for any other.
+
+        Terminals `alpha` and `beta` are the only end of a machine, its stator; `grid_alpha` and `grid_beta` the end
+        `grid`.
+        """
+        names = [terminal.name for terminal in self.terminals]
+        if names == ["alpha", "beta"]:
+            return {"stator": ("alpha", "beta")}
+        stems = [name.removesuffix("_alpha") for name in names if name.endswith("_alpha")]
+        pairs = {stem: (f"{stem}_alpha", f"{stem}_beta") for stem in stems}
+        return pairs if stems and sorted(names) == sorted(n for pair in pairs.values() for n in pair) else {}
 
     @property
     def linear(self) -> bool:
@@ -239,6 +254,7 @@ def component(
     terminals: tuple[Terminal, ...] = (),
     variants: Mapping[str, tuple[str, ...]] | None = None,
     passive: bool = False,
+    operated: bool = False,
     **kernels: Any,
 ) -> Callable[[type[Declared]], type[Declared]]:
     """Register a device: its record classes, kernels and terminals.
@@ -261,6 +277,8 @@ def component(
         field `position` is the number of the position in force (0: closed, then in the order of `variants`).
     passive : bool
         Its losses are never negative (contract test).
+    operated : bool
+        Its contact, the variant `open`, has a command of its own unless a connection says what moves it.
     **kernels
         Any of `KERNELS`.
 
@@ -291,8 +309,10 @@ def component(
             dict(variants or {}),
             derive,
             passive,
+            operated,
         )
         made.__component__ = kind  # type: ignore[attr-defined]
+        made.__doc__ = described(made)
         other = REGISTRY.get(made.__name__)
         if other is not None and other.cls.__module__ != made.__module__:
             raise TypeError(f"component {made.__name__} is declared in {other.cls.__module__} already")
@@ -300,6 +320,16 @@ def component(
         return made
 
     return decorate
+
+
+def described(cls: type) -> str:
+    """Docstring of a component class with its parameters: what they are, unit, bounds and default."""
+    rows = []
+    for name, unit, bounds, default in parameters_of(cls):
+        given = "" if default is None else f"; {default:g} if left out"
+        rows += [f"{name} : float", f"    {bounds.description}, {bounds} [{unit}]{given}"]
+    text = inspect.cleandoc(cls.__doc__ or "")
+    return "\n".join([text, "", "Parameters", "----------", *rows]) if rows else text
 
 
 def type_of(item: Any) -> ComponentType:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from shipgrid.errors import TopologyError
-from shipgrid.model.component import type_of
+from shipgrid.model.component import ComponentType, fields_of, type_of
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,10 @@ class Sampled:
 
 class Delayed(str):
     """Path of a signal read as the last instant left it: breaks a loop within one step where it may be broken."""
+
+
+class WhenClosed(str):
+    """Path of a signal that is 1 while an element's contact is closed and 0 while it is open."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,12 @@ class Placed:
     clock: Every | Sampled | None
     variant: str | None
     axis_weight: float
+
+    @property
+    def positions(self) -> list[tuple[str, ...] | None]:
+        """States that are held at zero, by the value of the signal `variant`; None: nothing is open."""
+        held = [None, *type_of(self.item).variants.values()]
+        return [held[1], held[0]] if isinstance(self.variant, WhenClosed) else held
 
 
 @dataclass(frozen=True)
@@ -220,9 +230,16 @@ class Network:
         initial: Mapping[str, float] | None = None,
         clock: Every | Sampled | None = None,
         variant: str | None = None,
+        contact: str | None = None,
         axis_weight: float = 1.0,
+        **ends: Any,
     ) -> None:
-        """Place one component.
+        """Place one component: `net.add("cable", RlBranch(R=0.01, L=1e-4), a=source, b=load)`.
+
+        Terminals are connected by their names, to a bus or to a `Pole`. The ends of a branch are `a` and `b`, and
+        its current counts from `a` to `b`; without `b` the branch lies between the poles of a DC bus, or from each
+        phase of an AC bus to the star point. On AC buses a per-axis element is placed twice, as `path.alpha` and
+        `path.beta`.
 
         Parameters
         ----------
@@ -230,8 +247,8 @@ class Network:
             Its name, unique in the plant.
         item : component instance
             Parameters.
-        ports : mapping of str to DcBus, Across, Pole or PortBinding
-            For a network element: where each terminal is connected.
+        ports : mapping of str to DcBus, AcBus, Across, Pole, Pole3 or PortBinding
+            For a network element: where each terminal is connected; `ends` says the same.
         inputs : mapping of str to str or float
             Path of the signal an input reads, or a constant.
         initial : mapping of str to float
@@ -240,21 +257,34 @@ class Network:
             When it runs; every step if left out.
         variant : str, optional
             For a linear element: path of the signal that selects the position of its contacts.
+        contact : {"closed", "open"}, optional
+            For a linear element with a contact: gives it the command `<path>.close`, and its position at the start.
+            A breaker has it unless `variant` moves it.
         axis_weight : float
             What its energy counts: 3/2 for one axis of a three-phase element.
+        **ends : DcBus, AcBus, Across, Pole, Pole3 or PortBinding
+            Where each terminal is connected, by its name; `a` and `b` for the ends of a branch.
 
         Raises
         ------
         TopologyError
             If the path is taken, or terminals and connections do not match.
         """
-        if path in self.placed:
-            raise TopologyError(f"{self.name}: two components of the name '{path}'")
         kind = type_of(item)
-        bound = {name: _scalar_binding(end) for name, end in (ports or {}).items()}
+        given = self._ends(path, kind, {**(ports or {}), **ends})
+        if contact is not None and not kind.variants and "close" in {f.name for f in fields_of(kind.input)}:
+            inputs, contact = {**(inputs or {}), "close": _closed(path, kind, contact)}, None
+        variant = self._position(path, kind, variant, contact)
+        if any(_three_phase(end) for end in given.values()) or (
+            kind.two_axis_ends and not any(isinstance(end, PortBinding) for end in given.values())
+        ):
+            self._add_three_phase(path, item, given, inputs or {}, initial, clock, variant)
+            return
+        self._check_free(path)
+        bound = {name: _scalar_binding(f"{path} ({kind.name}): terminal '{name}'", end) for name, end in given.items()}
         names = {terminal.name for terminal in kind.terminals}
         if set(bound) != names:
-            raise TopologyError(f"{path} ({kind.name}) has terminals {sorted(names)}, connected are {sorted(bound)}")
+            raise TopologyError(f"{path} ({kind.name}) has {_terminals(kind)}, connected are {sorted(bound)}")
         self.placed[path] = Placed(
             path, item, bound, dict(inputs or {}), dict(initial or {}), clock, variant, axis_weight
         )
@@ -281,23 +311,100 @@ class Network:
         inputs : mapping
             As in `add`; for a per-axis element a pair gives the alpha and the beta axis each its own.
         """
-        inputs = inputs or {}
-        if type_of(item).stamped:
-            (end,) = ports.values()
-            axes = {"alpha": _axis_binding(end, 0), "beta": _axis_binding(end, 1)}
-            self.add(path, item, ports=axes, inputs=inputs, initial=initial, clock=clock)
+        given = self._ends(path, type_of(item), ports)
+        self._add_three_phase(path, item, given, inputs or {}, initial, clock, variant)
+
+    def _add_three_phase(
+        self,
+        path: str,
+        item: Any,
+        ports: Mapping[str, Any],
+        inputs: Mapping[str, Any],
+        initial: Mapping[str, float] | None,
+        clock: Every | Sampled | None,
+        variant: str | None,
+    ) -> None:
+        kind = type_of(item)
+        axes = kind.two_axis_ends
+        if not axes:
+            for k, axis in enumerate(("alpha", "beta")):
+                self.add(
+                    f"{path}.{axis}",
+                    item,
+                    ports={
+                        name: _axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
+                        for name, end in ports.items()
+                    },
+                    inputs={name: v[k] if isinstance(v, tuple) else v for name, v in inputs.items()},
+                    initial=initial,
+                    clock=clock,
+                    variant=variant,
+                    axis_weight=1.5,
+                )
             return
-        for k, axis in enumerate(("alpha", "beta")):
-            self.add(
-                f"{path}.{axis}",
-                item,
-                ports={name: _axis_binding(end, k) for name, end in ports.items()},
-                inputs={name: v[k] if isinstance(v, tuple) else v for name, v in inputs.items()},
-                initial=initial,
-                clock=clock,
-                variant=variant,
-                axis_weight=1.5,
+        if len(ports) == len(axes) == 1:  # whatever the only end of a machine is called
+            ports = dict.fromkeys(axes, *ports.values())
+        if set(ports) != set(axes):
+            raise TopologyError(f"{path} ({kind.name}) has {_terminals(kind)}, connected are {sorted(ports)}")
+        bound = {
+            terminal: _axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
+            for name, end in ports.items()
+            for k, terminal in enumerate(axes[name])
+        }
+        # the books of a machine are those of the device, of a linear element those of its axes
+        weight = 1.0 if kind.stamped else 1.5
+        self.add(
+            path, item, ports=bound, inputs=inputs, initial=initial, clock=clock, variant=variant, axis_weight=weight
+        )
+
+    def _check_free(self, path: str) -> None:
+        if path in self.placed:
+            raise TopologyError(f"{self.name}: two components of the name '{path}'")
+
+    def _ends(self, path: str, kind: ComponentType, ends: Mapping[str, Any]) -> dict[str, Any]:
+        """Ends by terminal: a branch's `a` and `b` become its only terminal; buses have to be of this network."""
+        for name, end in ends.items():
+            for bus in _buses_of(end):
+                if self.buses.get(bus.name) is not bus:
+                    raise TopologyError(
+                        f"{path} ({kind.name}): terminal '{name}' is connected to {_said(bus)}, "
+                        f"which is no bus of {self.name}; it has {sorted(self.buses)}"
+                    )
+        single = [*kind.two_axis_ends] or [terminal.name for terminal in kind.terminals]
+        branch = single[0] if len(single) == 1 else ""
+        if not branch or not set(ends) & {"a", "b"} or set(ends) & {branch}:
+            return dict(ends)
+        if "a" not in ends or set(ends) - {"a", "b"}:
+            raise TopologyError(f"{path} ({kind.name}) is a branch with the ends a and b, connected are {sorted(ends)}")
+        if "b" not in ends:
+            return {branch: ends["a"]}
+        a, b = ends["a"], ends["b"]
+        for name, end in ends.items():
+            if not isinstance(end, DcBus | AcBus):
+                raise TopologyError(
+                    f"{path} ({kind.name}): end '{name}' of a branch between two buses is {_said(end)}, expected a bus "
+                    "(a Choke takes a converter's pole at either end)"
+                )
+        if type(a) is not type(b):
+            raise TopologyError(
+                f"{path} ({kind.name}): end 'a' is at {_said(a)}, end 'b' at {_said(b)}; expected two buses of one kind"
             )
+        if a is b:
+            raise TopologyError(f"{path} ({kind.name}): both ends are at {_said(a)}")
+        return {branch: Across(a, b)}
+
+    def _position(self, path: str, kind: ComponentType, variant: str | None, contact: str | None) -> str | None:
+        """Path of the signal that moves an element's contacts, its own command where it has one."""
+        if contact is None and not (kind.operated and variant is None):
+            return variant
+        contact = contact or "closed"
+        if next(iter(kind.variants), None) != "open":
+            raise TopologyError(f"{path} ({kind.name}) has no contact that opens")
+        if variant is not None:
+            raise TopologyError(
+                f"{path} ({kind.name}): contact = '{contact}', but '{variant}' moves its contact already"
+            )
+        return WhenClosed(self.command(f"{path}.close", _closed(path, kind, contact)))
 
     def bridge(self, path: str, bridge: Any, bus: DcBus, *, modulator: str) -> Pole3:
         """Place a three-phase bridge; what it returns is what a three-phase terminal connects to.
@@ -360,23 +467,61 @@ class Network:
         self.watched.append(Watched(owner, source, dict(reasons), refusal=True))
 
 
-def _scalar_binding(end: Any) -> PortBinding:
+def _closed(path: str, kind: ComponentType, contact: str) -> float:
+    """1.0 or 0.0 for a contact that is closed or open at the start."""
+    if contact not in ("closed", "open"):
+        raise TopologyError(f"{path} ({kind.name}): contact = {contact!r}, expected 'closed' or 'open'")
+    return 1.0 if contact == "closed" else 0.0
+
+
+def _three_phase(end: Any) -> bool:
+    return isinstance(end, AcBus | Pole3) or (isinstance(end, Across) and isinstance(end.a, AcBus))
+
+
+def _buses_of(end: Any) -> tuple[Any, ...]:
+    if isinstance(end, DcBus | AcBus):
+        return (end,)
+    if isinstance(end, Across):
+        return (end.a, end.b)
+    return (end.bus,) if isinstance(end, Pole | Pole3) else ()
+
+
+def _said(end: Any) -> str:
+    """What a connection leads to, in words."""
+    if isinstance(end, DcBus | AcBus):
+        return f"{'DC' if isinstance(end, DcBus) else 'AC'} bus '{end.name}'"
+    if isinstance(end, Across):
+        return f"{_said(end.a)} and {_said(end.b)}"
+    if isinstance(end, Pole | Pole3):
+        return f"{'a half-bridge leg' if isinstance(end, Pole) else 'a three-phase bridge'} on {_said(end.bus)}"
+    return repr(end)
+
+
+def _terminals(kind: ComponentType) -> str:
+    """The terminals of a device as connections call them."""
+    if kind.two_axis_ends:
+        return f"the three-phase terminals {sorted(kind.two_axis_ends)}"
+    names = sorted(terminal.name for terminal in kind.terminals)
+    return "no terminals" if not names else f"the terminal{'s' * (len(names) > 1)} {names}"
+
+
+def _scalar_binding(terminal: str, end: Any) -> PortBinding:
     if isinstance(end, PortBinding):
         return end
     if isinstance(end, Pole):
         return PortBinding(end.bus.nodes[0], None, end.s, end.weight)
-    if isinstance(end, Across) and isinstance(end.a, DcBus):
+    if isinstance(end, Across) and isinstance(end.a, DcBus) and isinstance(end.b, DcBus):
         return PortBinding(end.a.nodes[0], end.b.nodes[0])
     if isinstance(end, DcBus):
         return PortBinding(end.nodes[0])
-    raise TopologyError(f"{end!r} cannot be connected to a single-phase terminal")
+    raise TopologyError(f"{terminal} is single-phase and cannot be connected to {_said(end)}")
 
 
-def _axis_binding(end: Any, axis: int) -> PortBinding:
+def _axis_binding(terminal: str, end: Any, axis: int) -> PortBinding:
     if isinstance(end, Pole3):
         return PortBinding(end.bus.nodes[0], None, (end.s_alpha, end.s_beta)[axis], 1.5)
-    if isinstance(end, Across) and isinstance(end.a, AcBus):
+    if isinstance(end, Across) and isinstance(end.a, AcBus) and isinstance(end.b, AcBus):
         return PortBinding(end.a.nodes[axis], end.b.nodes[axis])
     if isinstance(end, AcBus):
         return PortBinding(end.nodes[axis])
-    raise TopologyError(f"{end!r} cannot be connected to a three-phase terminal")
+    raise TopologyError(f"{terminal} is three-phase here and cannot be connected to {_said(end)}")

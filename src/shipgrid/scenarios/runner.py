@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numba
 import numpy as np
@@ -42,6 +42,21 @@ BYTES_PER_VALUE = 16
 """Disk space set aside before a run starts: four single-precision numbers a recorded value, before compression."""
 
 Progress = Callable[[float, float], None]
+
+
+class Writer(Protocol):
+    """Where rows go: `ResultsWriter`, or a memory of them; it keeps no array that it is handed."""
+
+    def append(
+        self,
+        group: str,
+        time: np.ndarray,
+        value: np.ndarray,
+        low: np.ndarray | None = None,
+        high: np.ndarray | None = None,
+    ) -> None:
+        """Add rows to a group: times [s], values, extremes over the interval that ends at each."""
+        ...
 
 
 @dataclass
@@ -240,7 +255,7 @@ def _record(
         startup_s = time.perf_counter() - began
         go(run, scenario.events, end, writer, progress, partial(command_text, ship))
         writer.events(run.events)
-        limiters = _limiter_rows(run)
+        limiters = limiter_rows(run)
         writer.limiters(limiters)
     energy, imbalance = energy_balance(plan, work, before)
     summary: dict[str, Any] = {
@@ -272,9 +287,10 @@ def go(
     run: Run,
     timeline: Any,
     end: float,
-    writer: ResultsWriter | None = None,
+    writer: Writer | None = None,
     progress: Progress | None = None,
     said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
+    places: Mapping[str, int] | None = None,
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -286,14 +302,17 @@ def go(
         Time [s], command path, value; in order of time.
     end : float
         Simulated time [s] at which to stop.
-    writer : ResultsWriter, optional
+    writer : Writer, optional
         Where recorded rows go.
     progress : callable, optional
         Called with simulated time and end time [s] after each chunk.
     said : callable, optional
         Text of the event of a command, from its path and value.
+    places : mapping of str to int, optional
+        Where in the flat vector what a path of the time-line names lies; commands if left out.
     """
     plan, work = run.plan, run.work
+    places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
     pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
@@ -304,7 +323,7 @@ def go(
         while work.n < last and not interrupt.asked:
             while pending and pending[0][0] <= work.n:
                 _, path, value = pending.pop(0)
-                work.sig[plan.layout.index[f"command:{path}"]] = value
+                work.sig[places[path]] = value
                 run.events.append((run.t, path, said(path, value)))
             stop = min(last, work.n + chunk, pending[0][0] if pending else last)
             now = time.perf_counter()
@@ -352,7 +371,7 @@ class _Interrupt:
             signal.signal(signal.SIGINT, self.before)
 
 
-def _last_rows(run: Run, writer: ResultsWriter | None) -> None:
+def _last_rows(run: Run, writer: Writer | None) -> None:
     """Write the instant at which a run ended, with the extremes since the last row, where no row is due there."""
     plan, work = run.plan, run.work
     if writer is None or work.n == 0:
@@ -381,7 +400,7 @@ def _first_rows(run: Run, writer: ResultsWriter) -> None:
         writer.append(group, np.zeros(1), *(first[:, part],) * 4)
 
 
-def _flush(run: Run, writer: ResultsWriter | None) -> None:
+def _flush(run: Run, writer: Writer | None) -> None:
     """Empty the workspace's buffers into the writer and the event log."""
     plan, step = run.plan, run.work.step
     for k, (group, every, _) in enumerate(recorded_groups(plan)):
@@ -406,7 +425,8 @@ def _flush(run: Run, writer: ResultsWriter | None) -> None:
     step.event_count[0] = 0
 
 
-def _limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
+def limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
+    """Signal, first time [s], total time [s] and number of times of each limiter that acted."""
     times = run.work.step.limiter_time
     return [
         (path, float(first), float(total), int(count))

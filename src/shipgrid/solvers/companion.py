@@ -106,7 +106,7 @@ def state_space(item: Any, position: int = 0) -> StateSpace:
 
 
 def stage_matrices(
-    space: StateSpace, gh: float, held: tuple[int, ...] = ()
+    space: StateSpace, gh: float, held: tuple[int, ...] | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Matrices of one implicit Euler step.
 
@@ -116,8 +116,9 @@ def stage_matrices(
         The component.
     gh : float
         Length of the step [s].
-    held : tuple of int
-        States that are held at zero (open contacts).
+    held : tuple of int, optional
+        States that are held at zero (open contacts); with all of them held nothing flows any more, of
+        an element without states neither. None: nothing is open.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def stage_matrices(
     """
     n, m = len(space.A), len(space.C)
     A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
-    rows = list(held)
+    rows = list(held or ())
     A[rows, :] = 0.0
     A[:, rows] = 0.0
     B[rows, :] = 0.0
@@ -143,7 +144,7 @@ def stage_matrices(
     M[rows, :] = 0.0
     M[:, rows] = 0.0
     N = gh * M @ B
-    if n and len(rows) == n:
+    if held is not None and len(rows) == n:
         D = np.zeros_like(D)
     W = C @ N[:, :m] + D[:, :m]
     return M, N, C, D, W

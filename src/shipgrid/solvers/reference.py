@@ -249,7 +249,7 @@ class _Contact:
     """Contacts of one element: which states each position holds at zero, and its matrices in each position."""
 
     place: int
-    held: list[list[int]]
+    held: list[list[int] | None]
     states: slice
     ports: slice
     spaces: list[StateSpace]
@@ -325,7 +325,7 @@ class _Plant:
                 source_places.append(layout.slots["u", f"{i.path}.{name}"])
             if i.placed.variant:
                 names = names_of(i.type.kind.state)
-                held = [[states.start + names.index(x) for x in v] for v in ((), *i.type.kind.variants.values())]
+                held = [None if v is None else [states.start + names.index(x) for x in v] for v in i.placed.positions]
                 in_each = [state_space(i.placed.item, k) for k in range(len(held))]
                 self.contacts.append(_Contact(layout.place(i.placed.variant, i.path), held, states, ports, in_each))
         s = len(source_places)
@@ -423,8 +423,8 @@ class _Plant:
         for contact in self.contacts:
             positions.append(contact.position(sig))
             rows = contact.held[positions[-1]]
-            held += rows
-            if rows and len(rows) == len(contact.spaces[0].A):
+            held += rows or []
+            if rows is not None and len(rows) == len(contact.spaces[0].A):
                 opened.append(contact.ports)
         self._drive(set(held))
         coefficient = sig[self.port_c]

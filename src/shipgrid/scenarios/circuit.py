@@ -1,0 +1,334 @@
+"""Circuits without a ship around them: a plan that can be run by itself, and what comes of a run.
+
+    plan = sg.assemble(network, step=30e-6)
+    run = plan.run({"bus.v_dc": 750.0}, events=[sg.At(0.1, sg.Close("breaker"))], until=0.5)
+    run["bus.v_dc"].plot()
+
+Everything stays in memory, in double precision, every step unless asked otherwise; nothing is written.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from shipgrid.assembly import plan as assembly
+from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.start import settle_network, settle_outputs
+from shipgrid.assembly.weave import powers, stored_energy
+from shipgrid.errors import InputErrors, ParameterError, SolverError
+from shipgrid.model.frames import alpha_beta_to_abc
+from shipgrid.model.kernel import uncompiled
+from shipgrid.model.network import Network
+from shipgrid.scenarios.events import At, places_to_set, timeline
+from shipgrid.scenarios.results import Event, Limiter, bibliography
+from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST_VALUES = 50_000_000
+"""Numbers a run may keep in memory: 400 MB."""
+
+
+def assemble(network: Network, step: float = 30e-6) -> RunnablePlan:
+    """Turn a network into a plan that can be run.
+
+    Parameters
+    ----------
+    network : Network
+        The circuit, or a whole plant.
+    step : float
+        Step length [s].
+
+    Returns
+    -------
+    RunnablePlan
+
+    Raises
+    ------
+    TopologyError
+        If a name does not exist, an input is left open, or components wait for each other within a step.
+    ParameterError
+        If the step is too long for a sampled controller.
+    """
+    made = assembly.assemble(network, step)
+    return RunnablePlan(**{f.name: getattr(made, f.name) for f in dataclasses.fields(Plan)})
+
+
+@dataclass(frozen=True)
+class RunnablePlan(Plan):
+    """A `Plan` with `run`: what `assemble` makes of a network."""
+
+    def run(
+        self,
+        start: Workspace | Mapping[str, float] | None = None,
+        *,
+        events: Iterable[At] = (),
+        until: float,
+        record: Sequence[str] | None = None,
+        every: int = 1,
+    ) -> CircuitRun:
+        """Step from a start to an end.
+
+        Parameters
+        ----------
+        start : Workspace or mapping of str to float, optional
+            An operating point or the `end` of another run, which stays as it is; or values [SI] of states, bus
+            voltages, commands and constant inputs by path at time zero, everything else at its declared initial
+            value.
+        events : iterable of At
+            What happens on the way; each at the step that begins nearest to its time.
+        until : float
+            Time [s] at which to end; a start that is the end of another run goes on at its time.
+        record : sequence of str, optional
+            Paths or public names of the signals to keep; all of them if left out.
+        every : int
+            Number of steps from one kept value to the next; the extremes between them are kept as well.
+
+        Returns
+        -------
+        CircuitRun
+
+        Raises
+        ------
+        InputErrors
+            All of start and events that cannot be set.
+        ParameterError
+            If `until` lies before the start, or more is to be kept than fits.
+        SolverError
+            If the run diverged; its attribute `run` has what was computed before.
+        """
+        sources = self._sources(record)
+        watching = self._watching(sources, every)
+        work = self._workspace(watching, start)
+        began = work.n * self.h
+        if not (math.isfinite(until) and round(until / self.h) > work.n):
+            raise ParameterError(f"until = {until!r} s, expected a time after the start at {began:g} s")
+        rows = (round(until / self.h) - work.n) // every + 2
+        if rows * len(sources) * (1 if every == 1 else 3) > MOST_VALUES:
+            raise ParameterError(
+                f"{rows} values of {len(sources)} signals do not fit in memory, "
+                "expected fewer signals (`record`) or longer intervals (`every`)"
+            )
+        lines = timeline(self, events, began)
+        run, memory = Run(watching, work), _Memory(every > 1)
+        before, first = stored_energy(watching, work), powers(watching, work)
+        value = work.sig[watching.step.recorded][None, :]
+        memory.append("plant", np.array([began]), value, value, value)
+        go(run, lines, until, memory, said=_said, places=places_to_set(self))
+        # every step was counted with the power at its end: half of what the first and the last differ by too much
+        work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
+        result = CircuitRun(self, run, memory, list(sources), before)
+        if run.failure:
+            error = SolverError(run.failure)
+            error.run = result
+            raise error
+        return result
+
+    def _sources(self, record: Sequence[str] | None) -> dict[str, str]:
+        """Path of each signal that is to be kept, by the name it is asked for."""
+        public = {name: signal.source for name, signal in self.network.published.items()}
+        if record is None:
+            everything = {path: path for path in self.layout.index if path in self.layout.unit}
+            return everything | public
+        wrong = []
+        for name in record:
+            if name not in public and name not in self.layout.index:
+                near = difflib.get_close_matches(name, [*public, *self.layout.unit], n=1)
+                wrong.append(f"record: there is no signal '{name}'" + (f" (nearest: '{near[0]}')" if near else ""))
+        if wrong:
+            raise InputErrors(wrong)
+        return {name: public.get(name, name) for name in record}
+
+    def _watching(self, sources: Mapping[str, str], every: int) -> Plan:
+        """The same plan with other signals recorded, and its energy audited in every step."""
+        if every < 1 or every != int(every):
+            raise ParameterError(f"every = {every!r} steps, expected a whole number from 1")
+        recorded = np.array([self.layout.index[path] for path in sources.values()], dtype=np.int64)
+        nothing = np.zeros(0, dtype=np.int64)
+        step = self.step._replace(recorded=recorded, record_every=int(every), slow=nothing, audit_every=1)
+        return dataclasses.replace(self, step=step)
+
+    def _workspace(self, watching: Plan, start: Workspace | Mapping[str, float] | None) -> Workspace:
+        work = new_workspace(watching)
+        if isinstance(start, Workspace):
+            logs = ("rows", "value", "low", "high", "low_now", "high_now", "slow_value", "energy", "limiter_time")
+            logs = (*logs, "event_step", "event_which", "event_value", "event_count")
+            copied = start.snapshot()
+            copied.step = copied.step._replace(**{name: getattr(work.step, name) for name in logs})
+            return copied
+        known = {path: self.layout.index[path] for path in self.layout.nodes}
+        known |= {path: place for (part, path), place in self.layout.slots.items() if part == "x"}
+        known |= places_to_set(self)
+        wrong = []
+        for path, value in (start or {}).items():
+            if path in known and math.isfinite(value):
+                work.sig[known[path]] = value
+                continue
+            near = difflib.get_close_matches(path, known, n=1)
+            hint = f" (nearest: '{near[0]}')" if near and path not in known else ""
+            wrong.append(f"start: '{path}' = {value!r} is no value of a state, bus voltage or command{hint}")
+        if wrong:
+            raise InputErrors(wrong)
+        settle_outputs(watching, work)
+        settle_network(watching, work)
+        settle_outputs(watching, work)
+        return work
+
+
+class CircuitRun:
+    """One run of a circuit: signals over time, what happened, where the energy went.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was run.
+    run : Run
+        Its workspace and logs.
+    memory : object
+        The rows that were kept.
+    names : list of str
+        Their columns.
+    before : mapping of str to float
+        Stored energy [J] at the start, by component.
+
+    Attributes
+    ----------
+    end : Workspace
+        The state at the end, from which another run may go on.
+    events : list of Event
+        What happened: time [s], source, text.
+    limiters : list of Limiter
+        Which limiters acted.
+    energy : dict
+        Energy [J] by component path in the ledgers `sources`, `consumers`, `losses` and `stored` (its change).
+    energy_balance_error : float
+        (sources - consumers - losses - stored) over what the sources gave.
+    failure : str
+        Why the run broke off; empty if it did not.
+    """
+
+    def __init__(self, plan: Plan, run: Run, memory: _Memory, names: list[str], before: Mapping[str, float]):
+        self._plan, self._names = plan, names
+        self._time, self._layers = memory.arrays()
+        self.end = run.work
+        self.events = sorted((Event(*row) for row in run.events), key=lambda e: e.time)
+        self.limiters = [Limiter(*row) for row in limiter_rows(run)]
+        self.energy, self.energy_balance_error = energy_balance(run.plan, run.work, before)
+        self.failure = run.failure
+
+    def __repr__(self) -> str:
+        return f"<CircuitRun of {self._plan.network.name}: {len(self._names)} signals to {self._time[-1]:g} s>"
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of all recorded signals."""
+        return sorted(self._names)
+
+    def __contains__(self, signal: str) -> bool:
+        return signal in self._names
+
+    def __getitem__(self, signal: str) -> xarray.DataArray:
+        """One signal over time, with its unit; with `every` above 1 also `<signal>_min` and `<signal>_max`."""
+        layer, name = 0, signal
+        for k, ending in ((1, "_min"), (2, "_max")):
+            if signal not in self._names and signal.endswith(ending) and len(self._layers) == 3:
+                layer, name = k, signal.removesuffix(ending)
+        if name not in self._names:
+            near = difflib.get_close_matches(signal, self._names, n=1)
+            raise ParameterError(f"no signal {signal!r} was recorded" + (f" (nearest: '{near[0]}')" if near else ""))
+        return self._array(signal, self._layers[layer][:, self._names.index(name)], *self._meaning(name))
+
+    def phases(self, stem: str) -> xarray.DataArray:
+        """The three phase quantities of an alpha-beta pair.
+
+        Parameters
+        ----------
+        stem : str
+            Its common name: `grid.v` of a bus, `cable.i` of an element placed per axis, `transformer.i_1`.
+
+        Returns
+        -------
+        xarray.DataArray
+            With the dimensions `phase` (a, b, c) and `time`.
+        """
+        owner, _, symbol = stem.rpartition(".")
+        patterns = ("{owner}.{symbol}_{axis}", "{owner}.{axis}.{symbol}", "{owner}.{symbol}_{axis}_in")
+        for pattern in patterns:
+            names = [pattern.format(owner=owner, symbol=symbol, axis=axis) for axis in ("alpha", "beta")]
+            if all(name in self._names for name in names):
+                alpha, beta = (self._layers[0][:, self._names.index(name)] for name in names)
+                unit, text = self._meaning(names[0])
+                text = text.replace(", alpha axis", "").replace(", alpha", "")
+                found = np.array(uncompiled(alpha_beta_to_abc)(alpha, beta))
+                return self._array(stem, found, unit, text)
+        raise ParameterError(f"no alpha-beta pair of the name {stem!r} was recorded")
+
+    def dataset(self) -> xarray.Dataset:
+        """All recorded signals, with the versions they depend on as attributes."""
+        import xarray
+
+        return xarray.Dataset({name: self[name] for name in self._names}, attrs=provenance(self._plan))
+
+    def cite(self) -> str:
+        """BibTeX entries of what the components and methods of this run come from."""
+        return bibliography(provenance(self._plan)["references"].split())
+
+    def _meaning(self, name: str) -> tuple[str, str]:
+        if name in self._plan.network.published:
+            public = self._plan.network.published[name]
+            return public.unit, public.description
+        return self._plan.layout.unit.get(name, "1"), self._plan.layout.description.get(name, "")
+
+    def _array(self, name: str, values: np.ndarray, unit: str, text: str) -> xarray.DataArray:
+        import xarray
+
+        time = xarray.Variable("time", self._time, {"units": "s", "long_name": "time"})
+        phases = {"phase": ["a", "b", "c"]} if values.ndim == 2 else {}
+        return xarray.DataArray(
+            values,
+            dims=[*phases, "time"],
+            coords={**phases, "time": time},
+            name=name,
+            attrs={"units": unit, "long_name": text},
+        )
+
+
+class _Memory:
+    """Rows of a run as the runner hands them over, kept."""
+
+    def __init__(self, extremes: bool):
+        self.extremes = extremes
+        self.times: list[np.ndarray] = []
+        self.rows: list[tuple[np.ndarray, ...]] = []
+
+    def append(
+        self,
+        group: str,
+        time: np.ndarray,
+        value: np.ndarray,
+        low: np.ndarray | None = None,
+        high: np.ndarray | None = None,
+    ) -> None:
+        """Keep copies of rows of the group `plant`."""
+        if group != "plant" or low is None or high is None:
+            return
+        self.times.append(time.copy())
+        self.rows.append(tuple(layer.copy() for layer in ((value, low, high) if self.extremes else (value,))))
+
+    def arrays(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Times, and values (values, lows, highs), each a row an instant."""
+        return np.concatenate(self.times), [np.concatenate(layer) for layer in zip(*self.rows, strict=True)]
+
+
+def _said(path: str, value: Any) -> str:
+    if path.endswith(".close"):
+        return "closed" if value > 0.5 else "opened"
+    return f"set to {value:.6g}"
