@@ -139,6 +139,12 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
                     source = int(alias[layout.place(binding.coefficient, placed.path)])
                     if source in owner and (key in turning or owner[source] in turning):
                         groups.join(owner[source], key)
+            if t.kind.linear and key in turning:  # sources of a three-phase element
+                ends = {end.v for end in t.kind.terminals}
+                for position, name in enumerate(names):
+                    source = int(alias[t.u + k * t.nu + position])
+                    if name not in ends and owner.get(source) in turning:
+                        groups.join(owner[source], key)
             rotates = t.nx and any(f.signal.rotates for f in fields_of(t.kind.state))
             if t.kind.terminals or not (rotates or key in turning):
                 continue
