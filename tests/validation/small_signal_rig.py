@@ -333,7 +333,6 @@ def rectifier(
     net = Network("rectifier")
     dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 480.0, 60.0)
     net.capacitance(dc, capacitance)
-    net.conductance(dc, 1e-3)
     net.add("grid", TurningVoltage(), inputs={"v": e * math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
     net.add_three_phase("source", Source(), ports={"ends": ac}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
     s = {f"s_{axis}": f"modulator.s_{axis}" for axis in AXES}

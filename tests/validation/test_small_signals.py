@@ -11,9 +11,11 @@ import math
 import numpy as np
 import pytest
 from validation import small_signal_rig as rig
+from validation.test_rectifier import GENSET, Bench, bus_damping
 
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
+from shipgrid.analysis.steady_state import advance
 from shipgrid.controllers.rectifier_control import RectifierControl
 
 
@@ -137,3 +139,113 @@ def test_isolated_inverter_has_the_eigenvalues_of_the_table(preset, load, rightm
     assert sampled[0].eigenvalue == pytest.approx(rightmost, abs=0.15)  # the last digits
     continuous = linearise(plan, point).modes()
     near(continuous, [m.eigenvalue for m in sampled if abs(m.eigenvalue) < 340.0])  # a thirtieth of the sampling
+
+
+@pytest.mark.parametrize(
+    ("preset", "power", "expected"), [("default", 10e3, -4.4 + 43.0j), ("paper", 6e3, -6.0 + 18.0j)]
+)
+def test_two_inverters_in_parallel_have_the_eigenvalue_of_the_table(preset, power, expected):
+    plan = rig.grid_forming(preset, *rig.series(2.0 * power), units=2)
+    point = steady_state(plan, start={})
+    assert point["inverter_0.control.p"] == pytest.approx(point["inverter_1.control.p"], rel=1e-6)
+    modes = linearise(plan, point, method="sampled").modes()
+    assert abs(modes[0].eigenvalue - expected) < 0.55  # printed without decimals
+    assert {name.partition(".")[0] for name in modes[0].states} == {"inverter_0", "inverter_1"}  # they swing
+
+
+def test_without_transformer_reactance_parallel_inverters_lose_damping_as_the_design_says():
+    """With the lead-lag off the pair is unstable: the table's note says +2.3 1/s."""
+    plan = rig.grid_forming("default", *rig.series(20e3), units=2, T_1=0.011)
+    modes = linearise(plan, steady_state(plan, start={}), method="sampled").modes()
+    assert not modes.stable
+
+
+@pytest.mark.parametrize(("capacitance", "expected"), [(17e-3, [-5.5]), (34e-3, [-5.5, -60.0])])
+def test_battery_that_forms_the_bus_has_the_published_eigenvalues(capacitance, expected):
+    """Computed for an ideal current loop without filter: 10 % is what these make of them."""
+    plan = rig.battery_forming(capacitance)
+    start = {"converter.i_l": 21.0, "control.voltage.i": 21.0, "control.i_star": 21.0, "control.current.i": 5.0}
+    point = steady_state(plan, start=start | {"modulator.s": 0.62})
+    exact = linearise(plan, point, method="sampled").modes()
+    near(exact, expected, within=0.10)
+    near(linearise(plan, point).modes(), [m.eigenvalue for m in exact if abs(m.eigenvalue) < 600.0], within=0.002)
+
+
+# sampled control exactly, against a rig that steps the period itself
+
+
+@pytest.mark.parametrize(("p_pu", "zeta"), [(0.2, 0.33), (0.5, 0.12), (0.55, 0.04)])
+def test_poles_of_the_sampled_rectifier_are_those_of_a_rig_that_steps_the_period(p_pu, zeta):
+    plan = rig.rectifier(source=GENSET)
+    light = steady_state(plan, {"power": 0.2 * 596e3}, start=rig.RECTIFIER_START)
+    point = steady_state(plan, {"power": p_pu * 596e3}, start=light.workspace())
+    bench = Bench(source=GENSET, conductance=0.0).started()
+    bench.loaded(p_pu * 596e3)
+    assert point["dc.v_dc"] == pytest.approx(bench.f[6], rel=1e-4)  # a sawtooth of 0.03 V
+    expected = bench.poles()
+    modes = linearise(plan, point, method="sampled").modes()
+    slower = [z for z in expected if abs(z) < 2.0 * math.pi * 1000.0]
+    assert len(slower) >= 18
+    near(modes, slower, within=0.003)  # its RK4 and Euler start of the stages
+    assert bus_damping(modes.eigenvalues) == pytest.approx(bus_damping(expected), abs=0.003)
+    assert bus_damping(modes.eigenvalues) == pytest.approx(zeta, abs=0.03)  # the design's source reactance is not stated
+    near(linearise(plan, point).modes(), [z for z in slower if abs(z) < 650.0], within=0.005)
+
+
+def test_reading_a_alone_on_constant_power_is_unstable_above_a_fifth_of_the_rating():
+    """A PI on the voltage with the paper's gains: stable at 0.1 pu, not at 0.3 pu."""
+    control = RectifierControl(K_p_form=0.2, K_i_form=0.5)
+    plan = rig.rectifier(source=GENSET, control=control, mode=1.0)
+    start, found = rig.RECTIFIER_START | {"control.dc.mode": 1.0}, []
+    for p_pu in (0.1, 0.3):
+        point = steady_state(plan, {"power": p_pu * 596e3}, start=start)
+        start = point.workspace()
+        found.append(linearise(plan, point, method="sampled").modes().stable)
+    assert found == [True, False]
+
+
+# linear against nonlinear
+
+
+def difference_of_runs(plan, point, command, amount, seconds, signals, every=20):
+    """What a step of a command does: one run with it less one without, from the same point."""
+    runs = []
+    for extra in (0.0, amount):
+        work = point.workspace()
+        work.sig[plan.layout.index[f"command:{command}"]] += extra
+        rows = [work.sig[[plan.layout.index[name] for name in signals]].copy()]
+        while work.n * plan.h < seconds - 0.5 * plan.h:
+            advance(plan, work, every * plan.h)
+            rows.append(work.sig[[plan.layout.index[name] for name in signals]].copy())
+        runs.append(np.array(rows))
+    return plan.h * every * np.arange(len(runs[0])), runs[1] - runs[0]
+
+
+def agree(plan, point, command, amount, seconds, signals, every=20):
+    t, found = difference_of_runs(plan, point, command, amount, seconds, signals, every)
+    predicted = linearise(plan, point).step(command, amount, t[-1], signals, n=len(t))
+    for k, name in enumerate(signals):
+        size = np.abs(predicted[name]).max()
+        assert size > 0.0, name
+        assert np.abs(found[:, k] - predicted[name]).max() < 0.02 * size, name
+
+
+@pytest.mark.parametrize("command", ["omega_ref", "v_ref"])
+def test_one_percent_step_of_a_loaded_genset_goes_as_linear_theory_says(command):
+    plan = rig.genset(load=0.3)
+    point = steady_state(plan, start=rig.GENSET_START)
+    signals = ["machine.omega", "machine.psi_f", "governor.throttle", "governor.a_2", "exciter.v_a", "exciter.v_e"]
+    agree(plan, point, command, 0.01, 2.0, signals, every=50)
+
+
+def test_one_percent_step_of_the_rectifier_goes_as_linear_theory_says():
+    plan = rig.rectifier(source=GENSET)
+    point = steady_state(plan, {"power": 0.2 * 596e3}, start=rig.RECTIFIER_START)
+    signals = ["dc.v_dc", "control.dc.pi.i", "control.i_dc_f", "control.q_f", "control.reactive.i"]
+    agree(plan, point, "v_dc_ref", 7.5, 1.0, signals)
+
+
+def test_one_percent_step_of_the_shaft_speed_goes_as_linear_theory_says():
+    plan = rig.shaft_line()
+    point = steady_state(plan, {"k": 2.0 * 5729.6 / 47.12389}, start={"shaft.omega_m": 0.3 * 47.1})
+    agree(plan, point, "n_ref", 0.003, 2.0, ["shaft.omega_m", "speed.speed.i", "motor.i_q"])

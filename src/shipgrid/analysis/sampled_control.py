@@ -36,8 +36,9 @@ from shipgrid.model.component import STAGES
 PARTS = 6
 """Parts of a period in (2). What is held turns by omega T / PARTS in one, 2 degrees at 60 Hz and 1620 Hz."""
 ITERATIONS, CONVERGED = 12, 1e-9
-FORGOTTEN = 1e-9
-"""A multiplier below this belongs to a signal that is forgotten within a period: it is no mode."""
+FORGOTTEN = 1e-3
+"""A multiplier below this is that of a signal which is forgotten within a few periods (rounding spreads it around zero):
+no mode."""
 
 
 @dataclass(frozen=True)
