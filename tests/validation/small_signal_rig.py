@@ -170,6 +170,7 @@ class LoopState:
 class LoopInput:
     v_dc: Volt = signal("bus voltage")
     v_ref: Volt = signal("its reference")
+    mode: Ratio = signal("0 droop, 1 voltage")
 
 
 class LoopOutput:
@@ -179,7 +180,7 @@ class LoopOutput:
 @kernel
 def loop_update(dt, x, u, p, x_next, y):
     i_ref = dc_voltage(
-        u.v_ref / 750.0, u.v_dc / 750.0, x.i, 0.0 * u.v_ref, 1.0 + 0.0 * u.v_ref, 9.0, p, dt, x.dc, x_next.dc
+        u.v_ref / 750.0, u.v_dc / 750.0, x.i, u.mode, 1.0 + 0.0 * u.v_ref, 9.0, p, dt, x.dc, x_next.dc
     )
     x_next.i = x.i + dt / p.T_lag * (i_ref - x.i)
     y.i = -x.i * p.I_b
@@ -360,13 +361,14 @@ RECTIFIER_START = {"ac.v_alpha": 392.0, "lcl.alpha.v_c": 392.0, "lcl.alpha.i_1":
 """Near 0.19 pu of load."""
 
 
-def dc_loop():
-    """Reading B on an ideal lag, 10 mF, a constant-power load."""
+def dc_loop(mode=0.0, **gains):
+    """The rectifier's DC control on an ideal lag, 10 mF, a constant-power load: reading B, or A with mode 1."""
     net = Network("dc loop")
     dc = net.dc_bus("dc", 750.0)
     net.capacitance(dc, 10e-3)
-    inputs = {"v_dc": "dc.v_dc", "v_ref": net.command("v_ref", 750.0)}
-    net.add("rectifier", IdealRectifier(), inputs=inputs, clock=Every(2e-6))
+    inputs = {"v_dc": "dc.v_dc", "v_ref": net.command("v_ref", 750.0), "mode": mode}
+    item, start = IdealRectifier(**gains), {"dc.mode": mode}
+    net.add("rectifier", item, inputs=inputs, initial=start, clock=Every(2e-6))
     net.add("fed", CurrentLoad(), ports={"ends": dc}, inputs={"i": "rectifier.i"})
     net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
     net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})

@@ -23,6 +23,7 @@ open contact or an active limiter holds, and codes of sequences (whatever depend
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
 from shipgrid.model.kernel import argument_names, uncompiled
 from shipgrid.model.network import Placed
-from shipgrid.model.records import names_of, parameter_dtype, record_dtype
+from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import state_space
 
 COMPLEX_STEP = 1e-40
@@ -131,6 +132,30 @@ class Block:
         return np.concatenate([self.x, self.u])
 
 
+class _Record:
+    """Named numbers on plain objects, blocks nested: for a kernel that runs uncompiled much faster than a recarray."""
+
+    def __init__(self, names: list[str]):
+        self.top = SimpleNamespace()
+        self.slots: list[tuple[dict[str, Any], str]] = []
+        for name in names:
+            *blocks, last = name.split(".")
+            owner = self.top
+            for block in blocks:
+                if not hasattr(owner, block):
+                    setattr(owner, block, SimpleNamespace())
+                owner = getattr(owner, block)
+            self.slots.append((vars(owner), last))
+        self.write(np.zeros(len(names), dtype=complex))
+
+    def write(self, values: np.ndarray) -> None:
+        for (owner, name), value in zip(self.slots, values, strict=True):
+            owner[name] = value
+
+    def read(self) -> np.ndarray:
+        return np.array([owner[name] for owner, name in self.slots], dtype=complex)
+
+
 class _Kernels:
     """One component's kernels on complex records of its own."""
 
@@ -142,19 +167,14 @@ class _Kernels:
         self.x = np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)
         self.u = np.arange(t.u + k * t.nu, t.u + (k + 1) * t.nu)
         self.y = np.arange(t.y + k * t.ny, t.y + (k + 1) * t.ny)
-        self.records: dict[str, Any] = {"t": 0.0, "dt": self.period, "tables": plan.step.tables}
-        self.flat = {}
         parts = {"x": kind.state, "x_next": kind.state, "dx": kind.state, "u": kind.input, "y": kind.output}
-        for name, record in parts.items():
-            size = len({"u": self.u, "y": self.y}.get(name, self.x))
-            self.flat[name] = np.zeros(size, dtype=complex)
-            if size:
-                self.records[name] = self.flat[name].view(record_dtype(record, "c16")).view(np.recarray)[0]
-            else:
-                self.records[name] = None
+        self.named = {name: _Record(names_of(record)) for name, record in parts.items()}
         width = len(t.parameters) // len(t.placed)
-        p = t.parameters[k * width : (k + 1) * width].astype(complex)
-        self.records["p"] = p.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0] if width else None
+        p = _Record(list(parameter_dtype(kind.cls).names or ()))
+        p.write(t.parameters[k * width : (k + 1) * width].astype(complex))
+        self.parameters = p.top
+        self.records: dict[str, Any] = {name: record.top for name, record in self.named.items()}
+        self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top}
         self.sampled = "update" in kind.kernels
         late = getattr(placed.item, "dead_times", dict)()
         names = names_of(kind.input)
@@ -166,24 +186,26 @@ class _Kernels:
 
     def evaluate(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (or next states) and outputs, for complex states and inputs."""
-        flat = self.flat
-        flat["x"][:], flat["u"][:], flat["y"][:] = x, u, y
+        named = self.named
+        named["x"].write(x)
+        named["u"].write(u)
+        named["y"].write(y)
         if self.late:
             self.records["delays"] = _Line(u[next(iter(self.late))])
         kernels = self.kind.kernels
         rate = np.zeros(0, dtype=complex)
         if self.sampled:
-            flat["x_next"][:] = x
+            named["x_next"].write(x)
             self.call("update")
-            rate = flat["x_next"].copy()
-            flat["x"][:] = rate  # outputs, where there are any beside, are those of the new state
+            rate = named["x_next"].read()
+            named["x"].write(rate)  # outputs, where there are any beside, are those of the new state
         elif "derivatives" in kernels:
-            flat["dx"][:] = 0.0
+            named["dx"].write(0.0 * x)
             self.call("derivatives")
-            rate = flat["dx"].copy()
+            rate = named["dx"].read()
         if "outputs" in kernels:
             self.call("outputs")
-        return rate, flat["y"].copy()
+        return rate, named["y"].read()
 
     def limited(self, x: np.ndarray, u: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Which states the limiter holds: a moment on, it makes them the same whatever they are."""
@@ -192,10 +214,12 @@ class _Kernels:
             return held
         base = x + PROBE * rate
         for k in range(len(x)):
-            self.flat["x"][:], self.flat["u"][:] = base, u
-            self.flat["x"][k] += 1j * COMPLEX_STEP
+            stepped = base.astype(complex)
+            stepped[k] += 1j * COMPLEX_STEP
+            self.named["x"].write(stepped)
+            self.named["u"].write(u.astype(complex))
             self.call("limit")
-            held[k] = not self.flat["x"][k].imag
+            held[k] = not self.named["x"].read()[k].imag
         return held
 
     def block(self, sig: np.ndarray, alias: np.ndarray) -> Block:
@@ -203,7 +227,8 @@ class _Kernels:
         x, y = sig[self.x], sig[self.y]
         source = alias[self.u]
         u = sig[source]
-        rate, output = self.evaluate(x, u, y)
+        y = y.astype(complex)
+        rate, output = self.evaluate(x.astype(complex), u.astype(complex), y)
         n, m = len(x), len(u)
         by_rate, by_output = np.zeros((len(rate), n + m)), np.zeros((len(output), n + m))
         for k in range(n + m):
@@ -384,7 +409,7 @@ class Equations:
                 def pace(value: float, kernels: _Kernels = kernels, k: int = k) -> float:
                     x = sig[kernels.x].copy()
                     x[k] = value
-                    rate, _ = kernels.evaluate(x, sig[self.inner[kernels.u]], sig[kernels.y])
+                    rate, _ = kernels.evaluate(*(v.astype(complex) for v in (x, sig[self.inner[kernels.u]], sig[kernels.y])))
                     return float(rate[k].real) - value
 
                 start, first = float(sig[place]), pace(float(sig[place]))

@@ -87,7 +87,7 @@ class OperatingPoint:
         for t in self.plan.layout.types:
             if hasattr(t.kind.cls, "delay_length"):
                 for k, kernels in enumerate(k for k in self.equations.kernels if k.kind is t.kind):
-                    first = int(kernels.records["p"].line.real)
+                    first = int(kernels.parameters.line.real)
                     cells = t.placed[k].item.delay_length(kernels.period)
                     work.step.delays[first : first + cells] = self.sig[self.equations.inner[kernels.u[0]]]
         work.step.previous[:] = work.sig
