@@ -8,6 +8,9 @@
 A run always writes its output folder. Without `out` that is `results/<scenario>-<fidelity>` in the current directory,
 and an older folder of results in that place is replaced.
 
+Operating points and small signals of any plan: `steady_state`, `linearise`, and `modes()`, `impedance`, `loop_gain` of
+what they return.
+
 Below ships and scenarios there is the circuit level (`Network`, its buses and connections, `assemble`), and below that
 the declaration of a device (`component`, `kernel`, `param`, `signal`). Errors are those of `shipgrid.errors`. Names are
 imported when they are first used, so that `import shipgrid` is immediate.
@@ -19,6 +22,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from shipgrid.analysis.equilibrium import OperatingPoint, steady_state
+    from shipgrid.analysis.frequency_response import FrequencyResponse, impedance, loop_gain
+    from shipgrid.analysis.linearise import LinearModel, linearise
+    from shipgrid.analysis.modes import Mode, Modes
     from shipgrid.components.electrical.breaker import Breaker
     from shipgrid.components.electrical.capacitor import Capacitor
     from shipgrid.components.electrical.choke import Choke
@@ -58,11 +65,16 @@ __all__ = [
     "CurrentSource",
     "DcSource",
     "Every",
+    "FrequencyResponse",
     "InductiveDcSource",
     "LclFilter",
+    "LinearModel",
     "Load",
+    "Mode",
+    "Modes",
     "Network",
     "Open",
+    "OperatingPoint",
     "Pmsm",
     "Pole",
     "Pole3",
@@ -83,16 +95,24 @@ __all__ = [
     "__version__",
     "assemble",
     "component",
+    "impedance",
     "kernel",
+    "linearise",
     "load_scenario",
     "load_ship",
+    "loop_gain",
     "open_results",
     "param",
     "signal",
     "simulate",
+    "steady_state",
 ]
 
 _HOMES = {
+    "shipgrid.analysis.equilibrium": ("OperatingPoint", "steady_state"),
+    "shipgrid.analysis.frequency_response": ("FrequencyResponse", "impedance", "loop_gain"),
+    "shipgrid.analysis.linearise": ("LinearModel", "linearise"),
+    "shipgrid.analysis.modes": ("Mode", "Modes"),
     "shipgrid.components.electrical.breaker": ("Breaker",),
     "shipgrid.components.electrical.capacitor": ("Capacitor",),
     "shipgrid.components.electrical.choke": ("Choke",),

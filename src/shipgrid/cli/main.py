@@ -287,9 +287,8 @@ def _case(
         return None
 
     if fidelity is not None and fidelity not in FIDELITIES:
-        problems.append(
-            f"--fidelity: no fidelity '{fidelity}'{_nearest(fidelity, FIDELITIES)}, expected one of {', '.join(FIDELITIES)}"
-        )
+        expected = " or ".join(FIDELITIES)
+        problems.append(f"--fidelity: no fidelity '{fidelity}'{_nearest(fidelity, FIDELITIES)}, expected {expected}")
     step_s, until_s = seconds("--step", step), seconds("--until", until)
     if step_s is not None and not SHORTEST_STEP <= step_s <= LONGEST_STEP:
         problems.append(f"--step: {step} is out of range, expected {step_range()}")

@@ -56,8 +56,8 @@ def hypot(a, b):
 def _arctan2(y: Any, x: Any) -> Any:
     if isinstance(y, complex) or isinstance(x, complex):
         y, x = complex(y), complex(x)
-        angle = math.atan2(y.real, x.real)
-        return complex(angle, (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2))
+        angle, squared = math.atan2(y.real, x.real), x.real**2 + y.real**2
+        return complex(angle, (x.real * y.imag - y.real * x.imag) / squared if squared > 0.0 else 0.0)
     return math.atan2(y, x)
 
 
@@ -66,8 +66,8 @@ def _overload_arctan2(y, x):
     if isinstance(y, types.Complex) or isinstance(x, types.Complex):
 
         def for_complex(y, x):
-            squared = x.real**2 + y.real**2
-            return complex(math.atan2(y.real, x.real), (x.real * y.imag - y.real * x.imag) / squared)
+            angle, squared = math.atan2(y.real, x.real), x.real**2 + y.real**2
+            return complex(angle, (x.real * y.imag - y.real * x.imag) / squared if squared > 0.0 else 0.0)
 
         return for_complex
     return lambda y, x: math.atan2(y, x)
@@ -75,7 +75,7 @@ def _overload_arctan2(y, x):
 
 @kernel
 def arctan2(y, x):
-    """Angle of the vector (x, y), from -pi to pi."""
+    """Angle of the vector (x, y), from -pi to pi; its derivative at zero is taken as zero."""
     return _arctan2(y, x)
 
 

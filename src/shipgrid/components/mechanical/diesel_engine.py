@@ -94,3 +94,7 @@ class DieselEngine(Derived):
     def delay_length(self, dt: float) -> int:
         """Cells of the delay line for a sampling period of `dt` [s]."""
         return cells(self.T_D, dt)
+
+    def dead_times(self) -> dict[str, float]:
+        """Inputs that act late, and by how much [s]: what small signals have in the place of the delay line."""
+        return {"throttle": self.T_D}

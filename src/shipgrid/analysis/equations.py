@@ -1,0 +1,645 @@
+"""A plant as one system of equations: every signal an unknown, every equation a row, nothing stepped.
+
+    E dz/dt = F(z)                                                                          (1)
+
+`z` holds the states, the outputs, the node voltages and the port voltages of a plan; an input is the signal that it is
+connected to. E has ones where a row is a rate, and zeros where it is an equation that holds at every instant:
+
+    dx/dt = f(x, u) - omega J x                   states of elements, machines and continuous components       (2)
+    0 = g(x, u) - y                               outputs                                                      (3)
+    0 = c (v_plus - v_minus) - v                  ports                                                        (4)
+    C dv/dt = -g v - sum w c i - omega C J v      nodes; without capacitance the left side is zero             (5)
+    T_s dx/dt = x_next(x, u) - x                  sampled components; angles less omega T_s                    (6)
+
+Values and exact derivatives of f, g and x_next come from the components' own kernels, called uncompiled with complex
+numbers, one complex step for each state and input. (6) is exact at rest; `linearise` says what it makes of it beside
+rest. Two things that a kernel cannot be asked for stand as rational functions (Pade) between two signals: the dead
+time of a sampled modulation, 1.5 periods from the sample to the middle of the hold, and of a delay line.
+
+States that do not follow from (2) and (6) are left out and stay what they are: those that only count, those that an
+open contact or an active limiter holds, and codes of sequences (whatever depends on nothing that moves).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.signal import tf2ss
+from scipy.special import factorial
+
+from shipgrid.analysis.islands import Island, find_islands
+from shipgrid.assembly.layout import ONE, ZERO, TypeLayout
+from shipgrid.assembly.plan import Plan
+from shipgrid.errors import SteadyStateError
+from shipgrid.model.component import fields_of
+from shipgrid.model.kernel import argument_names, uncompiled
+from shipgrid.model.network import Placed
+from shipgrid.model.records import names_of, parameter_dtype
+from shipgrid.solvers.companion import state_space
+
+COMPLEX_STEP = 1e-40
+MODULATION_DELAY = 1.5
+"""Sampling periods from a sample to the middle of the hold of what was computed from it."""
+LONGEST_RAMP = 2**30
+"""Periods after which what still moves evenly is taken for a timer."""
+PROBE = 1e-9
+"""Time [s] by which a state is moved on to see whether a limiter holds it."""
+
+
+def pade(delay: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """State-space form A, b, c, d of the Pade quotient of `order` for a dead time of `delay` [s]."""
+    k = np.arange(order + 1)
+    a = factorial(2 * order - k) / (factorial(k) * factorial(order - k))  # of s^k; the numerator has (-s)^k
+    A, B, C, D = tf2ss(((-1.0) ** k * a)[::-1], a[::-1])
+    return A / delay, B[:, 0] / delay, C[0], float(D[0, 0])
+
+
+@dataclass(frozen=True)
+class DeadTime:
+    """A dead time between two signals, as a rational function with states of its own.
+
+    Attributes
+    ----------
+    source, target : int
+        Places of what goes in and of what comes out.
+    states : range
+        Places of its states.
+    A, b, c, d : ndarray, ndarray, ndarray, float
+        dx/dt = A x + b source, target = c x + d source.
+    """
+
+    source: int
+    target: int
+    states: range
+    A: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    d: float
+
+
+class _Line:
+    """A delay line whose content is one value: what a kernel sees of it at rest."""
+
+    def __init__(self, value: complex):
+        self.value = value
+
+    def __getitem__(self, _: Any) -> complex:
+        return self.value
+
+    def __setitem__(self, _: Any, __: Any) -> None:
+        """What is written comes out later, by the dead time that stands beside."""
+
+
+@dataclass
+class Block:
+    """What one component says at a point: values and derivatives of its equations.
+
+    Attributes
+    ----------
+    path : str
+    sampled : bool
+        `rate` is then the next state, not the rate of change.
+    period : float
+        Sampling period [s].
+    x, y, u : ndarray of int
+        Places of states, outputs and inputs.
+    rate, output : ndarray
+    by_rate, by_output : ndarray
+        Derivatives by states and inputs, in this order.
+    held : ndarray of bool
+        States that a limiter holds.
+    """
+
+    path: str
+    sampled: bool
+    period: float
+    x: np.ndarray
+    y: np.ndarray
+    u: np.ndarray
+    rate: np.ndarray
+    output: np.ndarray
+    by_rate: np.ndarray
+    by_output: np.ndarray
+    held: np.ndarray
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Places of what it is differentiated by."""
+        return np.concatenate([self.x, self.u])
+
+
+class _Record:
+    """Named numbers on plain objects, blocks nested: for a kernel that runs uncompiled much faster than a recarray."""
+
+    def __init__(self, names: list[str]):
+        self.top = SimpleNamespace()
+        self.slots: list[tuple[dict[str, Any], str]] = []
+        for name in names:
+            *blocks, last = name.split(".")
+            owner = self.top
+            for block in blocks:
+                if not hasattr(owner, block):
+                    setattr(owner, block, SimpleNamespace())
+                owner = getattr(owner, block)
+            self.slots.append((vars(owner), last))
+        self.write(np.zeros(len(names), dtype=complex))
+
+    def write(self, values: np.ndarray) -> None:
+        for (owner, name), value in zip(self.slots, values, strict=True):
+            owner[name] = value
+
+    def read(self) -> np.ndarray:
+        return np.array([owner[name] for owner, name in self.slots], dtype=complex)
+
+
+class _Kernels:
+    """One component's kernels on complex records of its own."""
+
+    def __init__(self, plan: Plan, t: TypeLayout, k: int):
+        kind, placed = t.kind, t.placed[k]
+        self.plan, self.kind, self.path = plan, kind, placed.path
+        self.clock = int(plan.clock_of[kind.key][k])
+        self.period = float(plan.periods[self.clock])
+        self.x = np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)
+        self.u = np.arange(t.u + k * t.nu, t.u + (k + 1) * t.nu)
+        self.y = np.arange(t.y + k * t.ny, t.y + (k + 1) * t.ny)
+        parts = {"x": kind.state, "x_next": kind.state, "dx": kind.state, "u": kind.input, "y": kind.output}
+        self.named = {name: _Record(names_of(record)) for name, record in parts.items()}
+        width = len(t.parameters) // len(t.placed)
+        p = _Record(list(parameter_dtype(kind.cls).names or ()))
+        p.write(t.parameters[k * width : (k + 1) * width].astype(complex))
+        self.parameters = p.top
+        self.records: dict[str, Any] = {name: record.top for name, record in self.named.items()}
+        self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top}
+        self.sampled = "update" in kind.kernels
+        late = getattr(placed.item, "dead_times", dict)()
+        names = names_of(kind.input)
+        self.late = {names.index(name): seconds for name, seconds in late.items()}
+
+    def call(self, name: str) -> None:
+        kernel = self.kind.kernels[name]
+        uncompiled(kernel)(*[self.records[argument] for argument in argument_names(kernel)])
+
+    def evaluate(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates (or next states) and outputs, for complex states and inputs."""
+        named = self.named
+        named["x"].write(x)
+        named["u"].write(u)
+        named["y"].write(y)
+        if self.late:
+            self.records["delays"] = _Line(u[next(iter(self.late))])
+        kernels = self.kind.kernels
+        rate = np.zeros(0, dtype=complex)
+        if self.sampled:
+            named["x_next"].write(x)
+            self.call("update")
+            rate = named["x_next"].read()
+            named["x"].write(rate)  # outputs, where there are any beside, are those of the new state
+        elif "derivatives" in kernels:
+            named["dx"].write(0.0 * x)
+            self.call("derivatives")
+            rate = named["dx"].read()
+        if "outputs" in kernels:
+            self.call("outputs")
+        return rate, named["y"].read()
+
+    def limited(self, x: np.ndarray, u: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Which states the limiter holds: a moment on, it makes them the same whatever they are."""
+        held = np.zeros(len(x), dtype=bool)
+        if "limit" not in self.kind.kernels or self.sampled:
+            return held
+        base = x + PROBE * rate
+        for k in range(len(x)):
+            stepped = base.astype(complex)
+            stepped[k] += 1j * COMPLEX_STEP
+            self.named["x"].write(stepped)
+            self.named["u"].write(u.astype(complex))
+            self.call("limit")
+            held[k] = not self.named["x"].read()[k].imag
+        return held
+
+    def block(self, sig: np.ndarray, alias: np.ndarray) -> Block:
+        """Values and derivatives at a point."""
+        x, y = sig[self.x], sig[self.y]
+        source = alias[self.u]
+        u = sig[source]
+        y = y.astype(complex)
+        rate, output = self.evaluate(x.astype(complex), u.astype(complex), y)
+        n, m = len(x), len(u)
+        by_rate, by_output = np.zeros((len(rate), n + m)), np.zeros((len(output), n + m))
+        for k in range(n + m):
+            xs, us = x.astype(complex), u.astype(complex)
+            (xs if k < n else us)[k if k < n else k - n] += 1j * COMPLEX_STEP
+            stepped_rate, stepped_output = self.evaluate(xs, us, y)
+            by_rate[:, k] = stepped_rate.imag / COMPLEX_STEP
+            by_output[:, k] = stepped_output.imag / COMPLEX_STEP
+        held = self.limited(x, u, rate.real) if len(rate) else np.zeros(n, dtype=bool)
+        return Block(
+            self.path, self.sampled, self.period, self.x, self.y, self.u,
+            rate.real, output.real, by_rate, by_output, held,
+        )  # fmt: skip
+
+
+class Equations:
+    """The equations of a plan, with its contacts as they stand in a flat vector.
+
+    Attributes
+    ----------
+    size : int
+        Length of the vector of all signals: the plan's flat vector, then the states of the dead times.
+    alias : ndarray of int
+        Place of the signal that stands behind each place.
+    islands : list of Island
+    dead_times : list of DeadTime
+    """
+
+    def __init__(self, plan: Plan, sig: np.ndarray, *, order: int, order_line: int):
+        self.plan, layout = plan, plan.layout
+        self.size = layout.size
+        self.names: dict[int, str] = {}
+        for path, place in layout.index.items():
+            self.names.setdefault(place, path)
+        for (part, path), place in layout.slots.items():
+            if part != "u" or place not in self.names:
+                self.names[place] = path
+        self.alias = self._aliases()
+        self.kernels = [
+            _Kernels(plan, t, k)
+            for t in layout.types
+            if not t.kind.linear and "modulate" not in t.kind.kernels
+            for k in range(len(t.placed))
+        ]
+        self.sampled_modulators = self._modulators()
+        self._elements(sig)
+        self.islands = find_islands(plan, self.alias, self.opened)
+        self._dead_times(order, order_line)
+        self._network()
+        self.angle_island = {place: i for i, island in enumerate(self.islands) for place in island.angles}
+
+    # who stands where
+
+    def _aliases(self) -> np.ndarray:
+        alias = np.arange(self.size)
+        for name, gather in self.plan.gathers.items():
+            pairs = gather["latest"] if name == "network" else np.concatenate([gather["measured"], gather["latest"]])
+            alias[pairs[:, 0]] = pairs[:, 1]
+        while np.any(alias[alias] != alias):
+            alias = alias[alias]
+        return alias
+
+    def _modulators(self) -> list[tuple[Placed, float, list[tuple[int, int]], np.ndarray]]:
+        """Modulators: path, period, pairs of reference and switching function, and their own states."""
+        found = []
+        for t in self.plan.layout.types:
+            if "modulate" not in t.kind.kernels:
+                continue
+            inputs, outputs = names_of(t.kind.input), names_of(t.kind.output)
+            for k, placed in enumerate(t.placed):
+                period = float(self.plan.periods[self.plan.clock_of[t.kind.key][k]])
+                links = [
+                    (t.u + k * t.nu + inputs.index(f"{name}_ref"), t.y + k * t.ny + j)
+                    for j, name in enumerate(outputs)
+                    if f"{name}_ref" in inputs
+                ]
+                found.append((placed, period, links, np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)))
+        return found
+
+    def _elements(self, sig: np.ndarray) -> None:
+        """Matrices of the linear elements, with their contacts as they stand."""
+        layout = self.plan.layout
+        self.elements: list[tuple[Placed, np.ndarray, np.ndarray, np.ndarray, Any]] = []
+        self.opened: list[str] = []
+        self.held: set[int] = set()
+        for t in layout.types:
+            if not t.kind.linear:
+                continue
+            states = names_of(t.kind.state)
+            inputs = names_of(t.kind.input)
+            outputs = names_of(t.kind.output)
+            ends = [terminal.v for terminal in t.kind.terminals]
+            for k, placed in enumerate(t.placed):
+                x = np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)
+                space = state_space(placed.item)
+                A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
+                position = int(sig[self.alias[layout.place(placed.variant, placed.path)]]) if placed.variant else 0
+                variants = [(), *t.kind.variants.values()]
+                held = [states.index(name) for name in variants[position if 0 <= position < len(variants) else 0]]
+                A[held, :] = A[:, held] = 0.0
+                B[held, :] = C[:, held] = 0.0
+                self.held |= set(x[held])
+                if held and len(held) == len(states):
+                    D[:] = 0.0
+                    self.opened.append(placed.path)
+                u = np.array([t.u + k * t.nu + inputs.index(name) for name in [*ends, *space.sources]])
+                y = np.array([t.y + k * t.ny + outputs.index(end.i) for end in t.kind.terminals])
+                self.elements.append((placed, x, u, y, (A, B, C, D)))
+
+    def _dead_times(self, order: int, order_line: int) -> None:
+        self.dead_times: list[DeadTime] = []
+        self.late: dict[int, int] = {}  # the place that stands for an input behind a dead time
+        extra_pairs: dict[int, int] = {}
+
+        def add(source: int, target: int, delay: float, order: int, name: str) -> None:
+            A, b, c, d = pade(delay, order)
+            states = range(self.size, self.size + order)
+            self.size += order
+            for k, place in enumerate(states):
+                self.names[place] = f"{name} (dead time {k + 1})"
+            self.dead_times.append(DeadTime(source, target, states, A, b, c, d))
+
+        for _, period, links, _ in self.sampled_modulators:
+            for source, target in links:
+                add(source, target, MODULATION_DELAY * period, order, self.names[target])
+                extra_pairs[target] = self.dead_times[-1].states.start
+        for island in self.islands:
+            for a, b in list(island.pairs):
+                if a in extra_pairs and b in extra_pairs:
+                    island.pairs += [(extra_pairs[a] + k, extra_pairs[b] + k) for k in range(order)]
+        for kernels in self.kernels:
+            for position, seconds in kernels.late.items():
+                place = int(kernels.u[position])
+                late = self.size
+                self.size += 1
+                self.names[late] = f"{self.names[place]} (late)"
+                self.late[place] = late
+                if seconds > 0.0:
+                    add(place, late, seconds, order_line, self.names[place])
+        self.alias = np.concatenate([self.alias, np.arange(len(self.alias), self.size)])
+        self.inner = self.alias.copy()  # what a kernel sees: behind the dead times
+        for place, late in self.late.items():
+            self.inner[place] = late if any(d.target == late for d in self.dead_times) else self.alias[place]
+
+    def _network(self) -> None:
+        """Ports and nodes: who meets whom."""
+        layout, network = self.plan.layout, self.plan.network
+        self.ports: list[tuple[int, int, int, int, int, float]] = []  # v, i, plus, minus, coefficient, weight
+        for t in layout.types:
+            for k, placed in enumerate(t.placed):
+                for end in t.kind.terminals:
+                    binding = placed.ports[end.name]
+                    v = t.u + k * t.nu + names_of(t.kind.input).index(end.v)
+                    i = t.y + k * t.ny + names_of(t.kind.output).index(end.i)
+                    nodes = [layout.index[node] if node else ZERO for node in (binding.plus, binding.minus)]
+                    c = layout.place(binding.coefficient, placed.path) if binding.coefficient else ONE
+                    self.ports.append((v, i, nodes[0], nodes[1], int(self.alias[c]), binding.weight))
+        self.nodes = {
+            layout.index[name]: (network.capacitances.get(name, 0.0), network.conductances.get(name, 0.0))
+            for name in layout.nodes
+        }
+
+    # values and derivatives
+
+    def at(self, sig: np.ndarray) -> Point:
+        """Everything that the equations say at a point."""
+        with np.errstate(all="ignore"):
+            blocks = [kernels.block(sig, self.inner) for kernels in self.kernels]
+        return Point(self, sig, blocks)
+
+    def arrived(self, point: Point) -> np.ndarray:
+        """The signals with every ramp where it arrives; what never does is a timer, and stays."""
+        sig = point.sig.copy()
+        for kernels in self.kernels:
+            for place in kernels.x[point.drifting[kernels.x]]:
+                k = int(place - kernels.x[0])
+
+                def pace(value: float, kernels: _Kernels = kernels, k: int = k) -> float:
+                    x = sig[kernels.x].copy()
+                    x[k] = value
+                    rate, _ = kernels.evaluate(
+                        *(v.astype(complex) for v in (x, sig[self.inner[kernels.u]], sig[kernels.y]))
+                    )
+                    return float(rate[k].real) - value
+
+                start, first = float(sig[place]), pace(float(sig[place]))
+                n = 1
+                while n < LONGEST_RAMP and abs(pace(start + n * first) / first - 1.0) < 1e-6:
+                    n *= 2
+                if n >= LONGEST_RAMP:
+                    continue
+                low = n // 2
+                while n - low > 1:
+                    middle = (low + n) // 2
+                    even = abs(pace(start + middle * first) / first - 1.0) < 1e-6
+                    low, n = (middle, n) if even else (low, middle)
+                sig[place] = start + n * first
+        return sig
+
+
+class Point:
+    """The equations' values and derivatives at one vector of signals.
+
+    Attributes
+    ----------
+    residual : ndarray
+        F of every row, rotation left out.
+    triples : (rows, columns, values)
+        Its derivatives, by place; an input counts as a place of its own.
+    rates : ndarray of bool
+        Rows that are rates.
+    active : ndarray of bool
+        Rows (and unknowns) that there are; the others stand still.
+    """
+
+    def __init__(self, equations: Equations, sig: np.ndarray, blocks: list[Block]):
+        self.equations, self.sig, self.blocks = equations, sig, blocks
+        size = equations.size
+        self.residual = np.zeros(size)
+        self.rates = np.zeros(size, dtype=bool)
+        self.active = np.zeros(size, dtype=bool)
+        self.period = np.zeros(size)  # of a sampled state
+        self.rows: list[np.ndarray] = []
+        self.columns: list[np.ndarray] = []
+        self.values: list[np.ndarray] = []
+        for block in blocks:
+            self._block(block)
+        self._elements()
+        self._network()
+        self._dead_times()
+        self._left_out()
+
+    def _add(self, rows: Any, columns: Any, values: np.ndarray) -> None:
+        rows, columns = np.atleast_1d(rows), np.atleast_1d(columns)
+        self.rows.append(np.repeat(rows, len(columns)))
+        self.columns.append(np.tile(columns, len(rows)))
+        self.values.append(np.asarray(values, dtype=float).reshape(len(rows), len(columns)).ravel())
+
+    def _block(self, block: Block) -> None:
+        x, y = block.x, block.y
+        if len(block.rate):
+            self.active[x], self.rates[x] = True, True
+            if block.sampled:
+                self.residual[x] = (block.rate - self.sig[x]) / block.period
+                self.period[x] = block.period
+                self._add(x, block.columns, block.by_rate / block.period)
+                self._add_diagonal(x, -1.0 / block.period)
+            else:
+                self.residual[x] = block.rate
+                self._add(x, block.columns, block.by_rate)
+            self.active[x[block.held]] = False
+        self.active[y] = True
+        self.residual[y] = block.output - self.sig[y]
+        self._add(y, block.columns, block.by_output)
+        self._add_diagonal(y, -1.0)
+
+    def _add_diagonal(self, places: np.ndarray, value: float) -> None:
+        self.rows.append(places)
+        self.columns.append(places)
+        self.values.append(np.full(len(places), value))
+
+    def _elements(self) -> None:
+        sig, e = self.sig, self.equations
+        for _, x, u, y, (A, B, C, D) in e.elements:
+            source = sig[e.alias[u]]
+            self.residual[x] = A @ sig[x] + B @ source
+            self.residual[y] = C @ sig[x] + D @ source - sig[y]
+            self.active[x] = self.rates[x] = True
+            self.active[y] = True
+            self._add(x, np.concatenate([x, u]), np.hstack([A, B]))
+            self._add(y, np.concatenate([x, u]), np.hstack([C, D]))
+            self._add_diagonal(y, -1.0)
+        self.active[list(e.held)] = False
+
+    def _network(self) -> None:
+        sig, e = self.sig, self.equations
+        for node, (capacitance, conductance) in e.nodes.items():
+            self.active[node] = True
+            self.rates[node] = capacitance > 0.0
+            self.residual[node] = -conductance * sig[node]
+            self._add(node, node, np.array(-conductance))
+        for v, i, plus, minus, c, weight in e.ports:
+            across = sig[plus] - sig[minus]
+            self.active[v] = True
+            self.residual[v] = sig[c] * across - sig[v]
+            self._add(v, [v, plus, minus, c], np.array([-1.0, sig[c], -sig[c], across]))
+            for node, sign in ((plus, 1.0), (minus, -1.0)):
+                if node != ZERO:
+                    self.residual[node] -= sign * weight * sig[c] * sig[i]
+                    self._add(node, [i, c], -sign * weight * np.array([sig[c], sig[i]]))
+        # a node with capacitance: its row becomes a rate
+        self.per_farad = np.ones(e.size)
+        for node, (capacitance, _) in e.nodes.items():
+            if capacitance > 0.0:
+                self.per_farad[node] = 1.0 / capacitance
+                self.residual[node] /= capacitance
+
+    def _dead_times(self) -> None:
+        sig, e = self.sig, self.equations
+        for d in e.dead_times:
+            states, source = np.array(d.states), int(e.alias[d.source])
+            self.residual[states] = d.A @ sig[states] + d.b * sig[source]
+            self.residual[d.target] = d.c @ sig[states] + d.d * sig[source] - sig[d.target]
+            self.active[states] = self.rates[states] = True
+            self.active[d.target] = True
+            column = d.source if e.inner[d.source] == source else source
+            self._add(states, np.append(states, column), np.column_stack([d.A, d.b]))
+            self._add(d.target, np.append(states, [column, d.target]), np.append(d.c, [d.d, -1.0]))
+
+    def _left_out(self) -> None:
+        """Take out what stands still: counters, angles of nothing, codes; and what depends on such alone."""
+        e, layout = self.equations, self.equations.plan.layout
+        for t in layout.types:
+            for k, f in enumerate(fields_of(t.kind.state) if t.nx else ()):
+                places = t.x + k + t.nx * np.arange(len(t.placed))
+                if f.signal.counts:
+                    self.active[places] = False
+                if f.signal.rotates:
+                    self.active[[place for place in places if place not in e.angle_island]] = False
+        rows, columns, values = (np.concatenate(part) for part in (self.rows, self.columns, self.values))
+        values = values * self.per_farad[rows]
+        bad = ~np.isfinite(values)
+        if np.any(bad):
+            raise SteadyStateError(f"no derivative of {e.names[int(rows[bad][0])]} by {e.names[int(columns[bad][0])]}")
+        keep = values != 0.0
+        self.triples = rows[keep], columns[keep], values[keep]
+        self._constants()
+
+    def _constants(self) -> None:
+        """States and outputs of kernels that depend on nothing that moves are constants."""
+        e = self.equations
+        of_kernel = np.zeros(e.size, dtype=bool)
+        for block in self.blocks:
+            of_kernel[block.y] = True
+            of_kernel[block.x] = len(block.rate) > 0
+        rows, columns, values = self.triples
+        columns = e.inner[columns]
+        own = rows == columns
+        by_itself = np.zeros(e.size)
+        np.add.at(by_itself, rows[own], values[own])
+        sampled = self.period > 0.0
+        kept = by_itself * self.period + 1.0  # how much of a sampled state its next value keeps
+        idle = np.where(
+            sampled, (kept == 1.0) | (kept == 0.0), ~self.rates | ((by_itself == 0.0) & (self.residual == 0.0))
+        )
+        self.renewed = np.zeros(e.size, dtype=bool)  # constants that have to be brought up to date
+        self.drifting = np.zeros(e.size, dtype=bool)  # ramps and timers: they move evenly, whatever else does
+        while True:
+            moves = np.zeros(e.size, dtype=bool)
+            moves[rows[self.active[columns] & ~own]] = True
+            still = self.active & of_kernel & ~moves & idle
+            if not np.any(still):
+                return
+            self.active[still] = False
+            self.renewed |= still & (~sampled & ~self.rates | sampled & (kept == 0.0))
+            self.drifting |= still & sampled & (kept == 1.0) & (self.residual != 0.0)
+
+    # as matrices
+
+    @property
+    def unknown(self) -> np.ndarray:
+        """Places of the unknowns."""
+        return np.flatnonzero(self.active)
+
+    def matrix(self) -> sparse.csr_matrix:
+        """Derivatives of all rows by all places, an input a place of its own."""
+        rows, columns, values = self.triples
+        return sparse.csr_matrix((values, (rows, columns)), shape=(self.equations.size,) * 2)
+
+    def seen(self) -> sparse.csr_matrix:
+        """Matrix that hands every place to those that read it: places x places."""
+        size = self.equations.size
+        return sparse.csr_matrix((np.ones(size), (np.arange(size), self.equations.inner)), shape=(size, size))
+
+    def rotation(self, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Triples of -omega J over all pairs that are states, in (2) and (5)."""
+        rows, columns, values = [], [], []
+        for island, speed in zip(self.equations.islands, omega, strict=True):
+            for a, b in island.pairs:
+                if self.rates[a] and self.active[a]:
+                    rows += [a, b]
+                    columns += [b, a]
+                    values += [speed, -speed]
+        return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64), np.array(values)
+
+    def turned(self, omega: np.ndarray) -> np.ndarray:
+        """The residual in the turning frames: (2) to (6)."""
+        e = self.equations
+        found = self.residual.copy()
+        rows, columns, values = self.rotation(omega)
+        np.add.at(found, rows, values * self.sig[columns])
+        for place, i in e.angle_island.items():
+            period = self.period[place]
+            if period > 0.0:
+                found[place] = (wrapped(period * (found[place] - omega[i]))) / period
+            else:
+                found[place] -= omega[i]
+        return found
+
+    def generator(self) -> list[np.ndarray]:
+        """For each island, what its vectors and angles do when it is turned: d sig / d angle."""
+        found = []
+        for island in self.equations.islands:
+            g = np.zeros(self.equations.size)
+            for a, b in island.pairs:
+                g[a], g[b] = -self.sig[b], self.sig[a]
+            g[island.angles] = 1.0
+            found.append(g)
+        return found
+
+
+def wrapped(angle: float) -> float:
+    """`angle` brought to -pi .. pi."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

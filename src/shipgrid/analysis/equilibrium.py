@@ -1,0 +1,418 @@
+"""Operating points by Newton's method: where a plant, seen from frames that turn with it, stands still.
+
+The unknowns are those of `equations`, and the frequency of each AC island; the angle of the first rotor or controller
+of an island is given, since it means nothing. Any signal may be held at a value if as many commands or open inputs are
+set free: "the choke carries 100 A; find the duty ratio".
+
+A plant with sequences (gensets that start, contactors that close) has many points of rest, most of them switched off.
+So the search starts where the plant itself has come to rest under its commands (`operating_point`), unless it is given
+another start; Newton's method then takes out what the run leaves: slow drifts, and the sawtooth that sampling puts on
+everything.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import MatrixRankWarning, splu
+
+from shipgrid.analysis.equations import Equations, Point
+from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.start import settle_outputs
+from shipgrid.errors import SteadyStateError
+from shipgrid.model.network import DcBus
+
+ORDER, ORDER_LINE = 3, 4
+"""Orders of the Pade quotients for the dead time of a modulation, and for that of a delay line."""
+ITERATIONS = 60
+CONVERGED = 1e-9
+"""Largest last step of Newton's method, relative to the size of each signal (or to 1, if that is larger)."""
+HALVINGS = 8
+SWEEPS = 4
+"""Times that all outputs are evaluated before the search, each from those before."""
+FIRST_STEP, LAST_STEP, GROWTH, LONGEST_SEARCH = 1e-4, 1e5, 1.7, 150
+"""Steps in time [s] by which a search that fails starts again, by how much they grow, and how many there are."""
+RESTS = 1e-9
+"""Residual, each equation over its largest term, below which rounding decides and a step is taken as it comes."""
+QUIET = 3
+"""Iterations without a change of any code, after which what still changes is taken for timers."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A plant at rest.
+
+    Attributes
+    ----------
+    plan : Plan
+    equations : Equations
+    sig : ndarray
+        Every signal, the vectors of each island in its own turning frame (`alpha` is d, `beta` is q).
+    frequency : dict of str to float
+        Frequency [Hz] of each AC island, under the name of a bus (or the machine) in it.
+    error : float
+        Last step of Newton's method, relative to the size of the signals.
+    """
+
+    plan: Plan
+    equations: Equations
+    sig: np.ndarray
+    omega: np.ndarray
+    error: float
+
+    @property
+    def frequency(self) -> dict[str, float]:
+        """Frequency [Hz] of each AC island."""
+        return {i.name: float(w) / (2.0 * np.pi) for i, w in zip(self.equations.islands, self.omega, strict=True)}
+
+    def __getitem__(self, path: str) -> float:
+        """Value of a signal."""
+        return float(self.sig[self.equations.alias[place_of(self.plan, path)]])
+
+    def workspace(self) -> Workspace:
+        """A workspace from which a run goes on at this point.
+
+        Sampled controllers sample at its first instant; the modulations that are in force until then are the means.
+        """
+        work = new_workspace(self.plan)
+        n = self.plan.layout.size
+        work.sig[:] = self.sig[self.equations.inner[:n]]
+        for _, _, links, states in self.equations.sampled_modulators:
+            work.sig[states] = [self.sig[target] for _, target in links]
+        for t in self.plan.layout.types:
+            if hasattr(t.kind.cls, "delay_length"):
+                for k, kernels in enumerate(k for k in self.equations.kernels if k.kind is t.kind):
+                    first = int(kernels.parameters.line.real)
+                    cells = t.placed[k].item.delay_length(kernels.period)
+                    work.step.delays[first : first + cells] = self.sig[self.equations.inner[kernels.u[0]]]
+        work.step.previous[:] = work.sig
+        work.step.watched_was[:] = work.sig[self.plan.step.watched]
+        return work
+
+
+def place_of(plan: Plan, path: str) -> int:
+    """Place of a signal, a command or a public signal."""
+    if path in plan.network.published:
+        path = plan.network.published[path].source
+    elif f"command:{path}" in plan.layout.index:
+        path = f"command:{path}"
+    return plan.layout.place(path, "operating point")
+
+
+def input_place(plan: Plan, path: str) -> int:
+    """Place of a component's input itself, not of what it is connected to; of a command or signal otherwise."""
+    return plan.layout.slots.get(("u", path), -1) if ("u", path) in plan.layout.slots else place_of(plan, path)
+
+
+def steady_state(
+    plan: Plan,
+    commands: Mapping[str, float] | None = None,
+    *,
+    hold: Mapping[str, float] | None = None,
+    free: Iterable[str] = (),
+    start: Workspace | Mapping[str, float] | None = None,
+) -> OperatingPoint:
+    """Operating point of a plant.
+
+    Parameters
+    ----------
+    plan : Plan
+    commands : mapping of str to float, optional
+        Commands, by path, that stand.
+    hold : mapping of str to float, optional
+        Signals that have to have a value.
+    free : iterable of str
+        As many commands or unconnected inputs, whose values are found.
+    start : Workspace or mapping of str to float, optional
+        Where the search starts: a plant at rest or nearly so, or values of signals with all others at their declared
+        initial values (DC buses at nominal voltage). If left out the plant is run until it comes to rest.
+
+    Returns
+    -------
+    OperatingPoint
+
+    Raises
+    ------
+    SteadyStateError
+        If there is none, or the search does not find it: names the worst equations and the limiters that act.
+    """
+    hold, free, commands = dict(hold or {}), list(free), dict(commands or {})
+    if len(hold) != len(free):
+        raise SteadyStateError(f"{len(hold)} signals are held and {len(free)} set free: expected as many")
+    work = _start(plan, commands, start)
+    equations = Equations(plan, work.sig, order=ORDER, order_line=ORDER_LINE)
+    sig, omega = _first_guess(equations, work)
+    held = np.array([equations.alias[place_of(plan, path)] for path in hold], dtype=np.int64)
+    freed = np.array([equations.alias[input_place(plan, path)] for path in free], dtype=np.int64)
+    wanted = np.array(list(hold.values()))
+    search = _Search(equations, held, np.array(list(hold.values())), freed)
+    point = equations.at(sig)
+    for path, place in zip(free, freed, strict=True):
+        if point.active[place]:
+            raise SteadyStateError(f"'{path}' follows from the plant's equations: expected a command or an open input")
+    found = search.newton(sig, omega) or search.newton(*search.slowly(sig, omega))
+    if found is None:
+        raise SteadyStateError(search.complaint())
+    return OperatingPoint(plan, equations, *found)
+
+
+def _start(plan: Plan, commands: dict[str, float], start: Workspace | Mapping[str, float] | None) -> Workspace:
+    if isinstance(start, Workspace):
+        work = start.snapshot()
+    elif start is None:
+        return operating_point(plan, commands)[0]
+    else:
+        work = new_workspace(plan)
+        for bus in plan.network.buses.values():
+            if isinstance(bus, DcBus):
+                work.sig[plan.layout.index[bus.nodes[0]]] = bus.v_n
+        for path, value in start.items():
+            work.sig[place_of(plan, path)] = value
+    for path, value in commands.items():
+        work.sig[plan.layout.place(f"command:{path}", "operating point")] = value
+    if not isinstance(start, Workspace):
+        settle_outputs(plan, work)
+    return work
+
+
+def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+    """Signals in frames whose d axes lie on a bus voltage of each island, and the frequencies.
+
+    The angle of a sampled controller is that of its next instant: it is brought to where it is now.
+    """
+    start, n = work.sig, len(work.sig)
+    sig = np.zeros(equations.size)
+    sig[:n] = start[equations.alias[:n]]
+    omega = np.zeros(len(equations.islands))
+    for i, island in enumerate(equations.islands):
+        angle = 0.0
+        if island.buses:
+            a, b = island.pairs[0]
+            angle = float(np.arctan2(sig[b], sig[a]))
+        elif island.angles:
+            angle = float(sig[island.angles[0]])
+        for a, b in island.pairs:
+            sig[a], sig[b] = _rotated(sig[a], sig[b], -angle)
+        sig[island.angles] -= angle
+    point = equations.at(sig)
+    rate = point.turned(omega)
+    ahead = _time_to_next(equations.plan, work)
+    for i, island in enumerate(equations.islands):
+        angles = [place for place in island.angles if point.active[place]]
+        if angles:  # a machine's is exact; of the sampled ones that of the longest period is smoothest
+            best = max(angles, key=lambda place: np.inf if point.period[place] == 0.0 else point.period[place])
+            omega[i] = rate[best]
+        for kernels in equations.kernels:
+            for place in kernels.x[np.isin(kernels.x, angles)]:
+                if kernels.sampled:
+                    sig[place] -= omega[i] * ahead[kernels.clock]
+    for _ in range(SWEEPS):
+        _settle_dead_times(equations, sig, omega)
+        point = equations.at(sig)
+        follows = point.active & ~point.rates
+        follows[list(equations.nodes)] = False
+        sig[follows] += point.residual[follows]
+    return sig, omega
+
+
+def _settle_dead_times(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:
+    """Fill the dead times with what goes in, steadily turning backwards in the frame where it is a vector."""
+    speed = {a: (b, w) for island, w in zip(equations.islands, omega, strict=True) for a, b in island.pairs}
+    by_target = {d.target: d for d in equations.dead_times}
+    second = {b for b, _ in speed.values()}
+    for d in equations.dead_times:
+        source = complex(sig[equations.alias[d.source]])
+        other, w = by_target.get(speed.get(d.target, (-1, 0.0))[0]), speed.get(d.target, (-1, 0.0))[1]
+        if d.target in second:
+            continue
+        if other is not None:
+            source += 1j * sig[equations.alias[other.source]]
+        inside = np.linalg.solve(1j * w * np.eye(len(d.b)) - d.A, d.b * source)
+        out = d.c @ inside + d.d * source
+        sig[np.array(d.states)], sig[d.target] = inside.real, out.real
+        if other is not None:
+            sig[np.array(other.states)], sig[other.target] = inside.imag, out.imag
+
+
+def _rotated(a: float, b: float, angle: float) -> tuple[float, float]:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * a - sin * b, sin * a + cos * b
+
+
+def _time_to_next(plan: Plan, work: Workspace) -> np.ndarray:
+    """Time [s] until the next instant of each clock."""
+    left = (plan.step.clock_den - work.step.clock_phase) / plan.step.clock_inc
+    return plan.h * np.mod(left, plan.step.clock_den / plan.step.clock_inc)
+
+
+def jacobian(point: Point, omega: np.ndarray) -> sparse.csr_matrix:
+    """Derivatives of the turned residual by all places, inputs handed to their sources."""
+    rows, columns, values = point.rotation(omega)
+    size = point.equations.size
+    return point.matrix() @ point.seen() + sparse.csr_matrix((values, (rows, columns)), shape=(size, size))
+
+
+class _Search:
+    """Newton's method, and what it needs where it starts too far away."""
+
+    def __init__(self, equations: Equations, held: np.ndarray, wanted: np.ndarray, freed: np.ndarray):
+        self.equations, self.held, self.wanted, self.freed = equations, held, wanted, freed
+        self.point, self.omega, self.step = None, np.zeros(0), np.inf
+
+    def newton(self, sig: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Signals, frequencies and the last step; None if the search fails."""
+        try:
+            point = self.equations.at(sig)
+        except SteadyStateError:
+            return None
+        point = self.equations.at(self.equations.arrived(point))
+        quiet, norm = 0, self.norm(point, omega)
+        for _ in range(ITERATIONS):
+            stale = point.renewed & (point.residual != 0.0)
+            move_sig, move_omega = self.move(point, omega)
+            share, found, new_norm = 1.0, point, np.inf
+            for _ in range(HALVINGS):
+                found, trial_omega = self.after(point, share * move_sig), omega + share * move_omega
+                new_norm = np.inf if found is None else self.norm(found, trial_omega)
+                if new_norm < norm or norm < RESTS or (np.isfinite(new_norm) and np.any(stale)):
+                    break
+                share *= 0.5
+            if found is None or not new_norm < 2.0 * max(norm, RESTS) and not np.any(stale):
+                return None
+            point, omega, norm = found, omega + share * move_omega, new_norm
+            step = float(np.max(np.abs(share * move_sig) / np.maximum(np.abs(point.sig), 1.0), initial=0.0))
+            self.point, self.omega, self.step = point, omega, step
+            quiet = quiet + 1 if not np.any(stale & ~point.rates) else 0  # codes at rest; timers may run on
+            if step < CONVERGED and (not np.any(stale) or quiet >= QUIET):
+                sig = self.equations.arrived(point)
+                if np.array_equal(sig, point.sig):
+                    return sig, omega, step
+                point = self.equations.at(sig)  # a ramp has moved on: the rest follows
+                norm = self.norm(point, omega)
+        return None
+
+    def slowly(self, sig: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nearer to rest: implicit Euler steps in time that grow, which a stable plant follows from anywhere."""
+        point, tau = self.equations.at(self.equations.arrived(self.equations.at(sig))), FIRST_STEP
+        for _ in range(LONGEST_SEARCH):
+            move_sig, move_omega = self.move(point, omega, tau)
+            found = self.after(point, move_sig)
+            if found is None or np.max(np.abs(move_sig) / np.maximum(np.abs(point.sig), 10.0)) > 10.0:
+                tau *= 0.25
+                if tau < 1e-3 * FIRST_STEP:
+                    break
+                continue
+            point, omega, tau = found, omega + move_omega, GROWTH * tau
+            if tau > LAST_STEP:
+                break
+        return point.sig, omega
+
+    def after(self, point: Point, move: np.ndarray) -> Point | None:
+        """The equations after a step; constants that depend on what moved are brought up to date."""
+        sig = point.sig + move
+        stale = point.renewed & (point.residual != 0.0)
+        sig[stale] += np.where(point.period > 0.0, point.period, 1.0)[stale] * point.residual[stale]
+        try:
+            return self.equations.at(sig)
+        except (SteadyStateError, ValueError, OverflowError):  # where it went there are no numbers
+            return None
+
+    def norm(self, point: Point, omega: np.ndarray) -> float:
+        """Size of the residual, each equation over its largest coefficient."""
+        found = (point.turned(omega) / _scale(point))[point.unknown]
+        size = float(np.sqrt(np.sum(found**2) + np.sum((point.sig[self.held] - self.wanted) ** 2)))
+        return size if np.isfinite(size) else np.inf
+
+    def move(self, point: Point, omega: np.ndarray, tau: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+        """A step of Newton's method; of implicit Euler's, if a time is given. Of signals and frequencies."""
+        e, sig, held, wanted, freed = self.equations, point.sig, self.held, self.wanted, self.freed
+        unknown = np.concatenate([point.unknown, freed])
+        F = np.concatenate([point.turned(omega)[point.unknown], sig[held] - wanted])
+        full = jacobian(point, omega)
+        top = full[point.unknown][:, unknown]
+        if np.isfinite(tau):
+            still = np.concatenate([point.rates[point.unknown] / tau, np.zeros(len(freed))])
+            top = top - sparse.diags(still).tocsr()[: len(point.unknown)]
+        bottom = sparse.csr_matrix(
+            (np.ones(len(held)), (np.arange(len(held)), _position(unknown, held))), shape=(len(held), len(unknown))
+        )
+        turning = [
+            (i, next(place for place in island.angles if point.active[place]))
+            for i, island in enumerate(e.islands)
+            if any(point.active[place] for place in island.angles)
+        ]
+        row = np.full(e.size, -1)
+        row[point.unknown] = np.arange(len(point.unknown))
+        by_omega = sparse.lil_matrix((len(F), len(turning)))
+        gauge = sparse.lil_matrix((len(turning), len(unknown) + len(turning)))
+        for column, (i, place) in enumerate(turning):
+            island = e.islands[i]
+            for a, b in island.pairs:
+                if point.rates[a] and point.active[a]:
+                    by_omega[row[a], column] = sig[b]
+                    by_omega[row[b], column] = -sig[a]
+            for angle in island.angles:
+                if point.active[angle]:
+                    by_omega[row[angle], column] = -1.0
+            gauge[column, row[place]] = 1.0
+        J = sparse.vstack([sparse.hstack([sparse.vstack([top, bottom]), by_omega]), gauge]).tocsc()
+        found = _solve(J, -np.concatenate([F, np.zeros(len(turning))]))
+        move, move_omega = np.zeros(e.size), np.zeros(len(e.islands))
+        move[unknown] = found[: len(unknown)]
+        move_omega[[i for i, _ in turning]] = found[len(unknown) :]
+        return move, move_omega
+
+    def complaint(self) -> str:
+        """What to tell the user where there is no operating point, or none is found."""
+        point, e = self.point, self.equations
+        if point is None:
+            return "no operating point: the search diverged at once; start it nearer, or from a run"
+        residual = np.where(point.active, np.abs(point.turned(self.omega)), 0.0)
+        worst = int(np.argmax(residual / _scale(point)))
+        active = [path for path in e.plan.limiter_paths if point.sig[e.plan.layout.index[path]] > 0.5]
+        limits = f"; limits active: {', '.join(active)}" if active else ""
+        return (
+            f"no operating point: the last step is still {self.step:.1e} of a signal's size; "
+            f"largest residual {residual[worst]:.3g} at {e.names[worst]}{limits}"
+        )
+
+
+def _scale(point: Point) -> np.ndarray:
+    rows, _, values = point.triples
+    scale = np.ones(point.equations.size)
+    np.maximum.at(scale, rows, np.abs(values))
+    return scale
+
+
+def _position(unknown: np.ndarray, places: np.ndarray) -> np.ndarray:
+    where = {int(place): k for k, place in enumerate(unknown)}
+    missing = [int(place) for place in places if int(place) not in where]
+    if missing:
+        raise SteadyStateError("a signal that is held does not move: nothing it depends on is free")
+    return np.array([where[int(place)] for place in places], dtype=np.int64)
+
+
+def _solve(J: sparse.csc_matrix, right: np.ndarray) -> np.ndarray:
+    """Solution of J x = right; the shortest one where J leaves something open (a bus without voltage, say)."""
+    rows = np.asarray(np.abs(J).max(axis=1).todense()).ravel()
+    rows = 1.0 / np.where(rows > 0.0, rows, 1.0)
+    scaled = sparse.diags(rows) @ J
+    columns = np.asarray(np.abs(scaled).max(axis=0).todense()).ravel()
+    columns = 1.0 / np.where(columns > 0.0, columns, 1.0)
+    scaled = (scaled @ sparse.diags(columns)).tocsc()
+    right = rows * right
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", MatrixRankWarning)
+            x = splu(scaled).solve(right)
+        if np.all(np.isfinite(x)) and np.max(np.abs(scaled @ x - right)) <= 1e-8 * max(np.max(np.abs(right)), 1e-300):
+            return columns * x
+    except (RuntimeError, MatrixRankWarning):
+        pass  # singular: the shortest solution is asked for below
+    x = np.linalg.lstsq(scaled.toarray(), right, rcond=1e-12)[0]
+    return columns * x

@@ -1,0 +1,454 @@
+"""Parts for small-signal tests that no ship has: stiff sources, constant-power loads, ideal lags; and small plants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from shipgrid.assembly.plan import assemble
+from shipgrid.components.converters.buck_boost import BuckBoost
+from shipgrid.components.electrical.lcl_filter import LclFilter
+from shipgrid.components.electrical.load import Load
+from shipgrid.components.electrical.rl_branch import RlBranch
+from shipgrid.components.machines.pmsm import Pmsm
+from shipgrid.components.mechanical.diesel_engine import DieselEngine
+from shipgrid.components.mechanical.shaft import Shaft
+from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
+from shipgrid.controllers.battery_control import VOLTAGE, BatteryControl
+from shipgrid.controllers.dc_voltage import DcVoltageState, dc_voltage
+from shipgrid.controllers.drive_current import DriveCurrent
+from shipgrid.controllers.exciter_ac1a import Ac1a
+from shipgrid.controllers.governor_degov1 import Degov1
+from shipgrid.controllers.grid_forming import PRESETS, GridForming, droop
+from shipgrid.controllers.motor_speed import MotorSpeed
+from shipgrid.controllers.rectifier_control import RectifierControl
+from shipgrid.equipment.wiring import add_modulator
+from shipgrid.model import Terminal, component, kernel, param, signal
+from shipgrid.model.network import Every, Network, Pole, Pole3, Sampled
+from shipgrid.units import (
+    Ampere,
+    Henry,
+    NewtonMetre,
+    Ohm,
+    PerUnit,
+    PerUnitPerSecond,
+    Radian,
+    RadianPerSecond,
+    Ratio,
+    Second,
+    Volt,
+    Watt,
+)
+
+OMEGA = 2.0 * math.pi * 60.0
+AXES = ("alpha", "beta")
+
+
+class TurningState:
+    theta: Radian = signal("angle of the voltage", rotates=True)
+
+
+class TurningInput:
+    v: Volt = signal("peak of a phase")
+    omega: RadianPerSecond = signal("angular frequency")
+
+
+class TurningOutput:
+    e_alpha: Volt = signal("voltage, alpha")
+    e_beta: Volt = signal("voltage, beta")
+
+
+@kernel
+def turning_derivatives(u, dx):
+    dx.theta = u.omega
+
+
+@kernel
+def turning_outputs(x, u, y):
+    y.e_alpha = -u.v * np.cos(x.theta)  # a branch to it drives current in by e
+    y.e_beta = -u.v * np.sin(x.theta)
+
+
+@component(
+    state=TurningState,
+    input=TurningInput,
+    output=TurningOutput,
+    derivatives=turning_derivatives,
+    outputs=turning_outputs,
+)
+class TurningVoltage:
+    """Three-phase voltage of given size and frequency, negative, as source of a branch."""
+
+
+class BranchState:
+    i: Ampere = signal("branch current, into the source")
+
+
+class BranchInput:
+    v: Volt = signal("voltage across the branch")
+    e: Volt = signal("source voltage, driving current in", initial=0.0)
+
+
+class BranchOutput:
+    i_in: Ampere = signal("current into the branch")
+
+
+@kernel
+def branch_derivatives(x, u, p, dx):
+    dx.i = (u.v + u.e - p.R * x.i) / p.L
+
+
+@kernel
+def branch_outputs(x, y):
+    y.i_in = x.i
+
+
+@component(
+    state=BranchState,
+    input=BranchInput,
+    output=BranchOutput,
+    derivatives=branch_derivatives,
+    outputs=branch_outputs,
+    terminals=(Terminal("ends", v="v", i="i_in"),),
+)
+class Source:
+    """R, L and a source in series."""
+
+    R: Ohm = param("resistance", default=1e-6, at_least=0.0)
+    L: Henry = param("inductance", default=1e-9, above=0.0)
+
+
+class CurrentInput:
+    v: Volt = signal("voltage across it")
+    i: Ampere = signal("current it takes")
+
+
+class CurrentOutput:
+    i_in: Ampere = signal("current it takes")
+
+
+@kernel
+def current_outputs(u, y):
+    y.i_in = u.i
+
+
+@component(
+    input=CurrentInput,
+    output=CurrentOutput,
+    outputs=current_outputs,
+    terminals=(Terminal("ends", v="v", i="i_in"),),
+)
+class CurrentLoad:
+    """Takes a given current."""
+
+
+class PowerInput:
+    v: Volt = signal("bus voltage")
+    power: Watt = signal("power taken")
+
+
+class PowerOutput:
+    i: Ampere = signal("current that takes it")
+
+
+@kernel
+def power_outputs(u, y):
+    y.i = u.power / u.v
+
+
+@component(input=PowerInput, output=PowerOutput, outputs=power_outputs, stage="outer")
+class ConstantPower:
+    """Current of a constant-power load."""
+
+
+class LoopState:
+    dc: DcVoltageState
+    i: PerUnit = signal("current into the bus")
+
+
+class LoopInput:
+    v_dc: Volt = signal("bus voltage")
+    v_ref: Volt = signal("its reference")
+    mode: Ratio = signal("0 droop, 1 voltage")
+
+
+class LoopOutput:
+    i: Ampere = signal("current taken from the bus")
+
+
+@kernel
+def loop_update(dt, x, u, p, x_next, y):
+    i_ref = dc_voltage(u.v_ref / 750.0, u.v_dc / 750.0, x.i, u.mode, 1.0 + 0.0 * u.v_ref, 9.0, p, dt, x.dc, x_next.dc)
+    x_next.i = x.i + dt / p.T_lag * (i_ref - x.i)
+    y.i = -x.i * p.I_b
+
+
+@component(state=LoopState, input=LoopInput, output=LoopOutput, stage="inner", update=loop_update)
+class IdealRectifier:
+    """The rectifier's DC control on a current that follows its reference with a lag."""
+
+    T_lag: Second = param("lag", default=3.66e-3, above=0.0)
+    I_b: Ampere = param("base", default=596e3 / 750.0, above=0.0)
+    K_v: PerUnit = param("droop", default=0.05, above=0.0)
+    K_p_dc: PerUnit = param("gain", default=0.2, above=0.0)
+    K_i_dc: PerUnitPerSecond = param("gain", default=0.5, above=0.0)
+    K_p_form: PerUnit = param("gain", default=2.0, above=0.0)
+    K_i_form: PerUnitPerSecond = param("gain", default=20.0, above=0.0)
+
+
+class FieldState:
+    E: PerUnit = signal("voltage behind the field")
+
+
+class FieldInput:
+    E_fd: PerUnit = signal("field voltage")
+
+
+@kernel
+def field_derivatives(x, u, p, dx):
+    dx.E = (u.E_fd - x.E) / p.T_d01
+
+
+@component(state=FieldState, input=FieldInput, derivatives=field_derivatives)
+class Field:
+    """An unloaded machine as its field alone."""
+
+    T_d01: Second = param("open-circuit time constant", default=3.5, above=0.0)
+
+
+class SwingState:
+    v_set: PerUnit = signal("as in the controller", initial=1.0)
+    power: PerUnit = signal("as in the controller")
+    lead: PerUnit = signal("as in the controller")
+    reactive: PerUnit = signal("as in the controller")
+    delta: Radian = signal("angle before the bus")
+
+
+class SwingInput:
+    v_ref: PerUnit = signal("as in the controller", initial=1.0)
+    p_ref: PerUnit = signal("as in the controller", initial=0.0)
+    q_ref: PerUnit = signal("as in the controller", initial=0.0)
+    omega_ref: PerUnit = signal("as in the controller", initial=1.0)
+    dw_sync: PerUnit = signal("as in the controller", initial=0.0)
+    dV_sync: PerUnit = signal("as in the controller", initial=0.0)
+
+
+@kernel
+def swing_update(dt, x, u, p, x_next):
+    omega, _ = droop(np.sin(x.delta) / p.X, 0.0 * x.delta, dt, x, u, p, x_next)
+    x_next.delta = x.delta + dt * OMEGA * (omega - 1.0)
+
+
+@component(state=SwingState, input=SwingInput, stage="inner", update=swing_update)
+class Swing:
+    """The grid-forming inverter's droops on a reactance to a stiff bus, its voltage ideal."""
+
+    X: PerUnit = param("reactance", above=0.0)
+    T_1: Second = param("lead", default=0.033, above=0.0)
+    T_2: Second = param("lag", default=0.011, above=0.0)
+    m_p: PerUnit = param("droop", default=0.02, above=0.0)
+    m_q: PerUnit = param("droop", default=0.02, above=0.0)
+    omega_c: RadianPerSecond = param("low-pass", default=31.41, above=0.0)
+    omega_q: RadianPerSecond = param("low-pass", default=31.41, above=0.0)
+    v_rate: PerUnitPerSecond = param("ramp", default=1.0, above=0.0)
+
+
+class TorqueInput:
+    omega: RadianPerSecond = signal("speed")
+    k: Ratio = signal("torque over speed, N m s")
+
+
+class TorqueOutput:
+    tau: NewtonMetre = signal("torque")
+
+
+@kernel
+def torque_outputs(u, y):
+    y.tau = u.k * u.omega
+
+
+@component(input=TorqueInput, output=TorqueOutput, outputs=torque_outputs, stage="outer")
+class LinearTorque:
+    """A screw as a torque that goes with the speed."""
+
+
+# plants
+
+
+def machine_on_stiff_bus(item=None):
+    """A generator on an ideal source, torque and field voltage open inputs."""
+    item = item or SynchronousGenerator()
+    net = Network("machine on a stiff bus")
+    bus = net.ac_bus("bus", 480.0, 60.0)
+    net.add("grid", TurningVoltage(), inputs={"v": math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
+    net.add_three_phase("source", Source(), ports={"ends": bus}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
+    inputs = {"E_fd": net.command("E_fd", 1.5), "T_m": net.command("T_m", 0.5)}
+    net.add_three_phase("machine", item, ports={"stator": bus}, inputs=inputs)
+    return assemble(net, 30e-6)
+
+
+def genset(load=0.0, **machine):
+    """Governor, engine, machine and exciter on a resistance of `load` [pu]; both references are commands."""
+    net = Network("genset")
+    bus = net.ac_bus("bus", 480.0, 60.0)
+    net.conductance(bus, max(load, 1e-6) * 596e3 / 480.0**2)
+    net.add_three_phase(
+        "machine",
+        SynchronousGenerator(**machine),
+        ports={"stator": bus},
+        inputs={"E_fd": "exciter.E_fd", "T_m": "engine.T_m"},
+    )
+    clock = Every(0.5e-3)
+    net.add("engine", DieselEngine(), inputs={"throttle": "governor.throttle", "omega": "machine.omega"}, clock=clock)
+    reference = {"omega_ref": net.command("omega_ref", 1.0)}
+    net.add("governor", Degov1(), inputs={"omega": "machine.omega", **reference}, clock=clock)
+    inputs = {"v_t": "machine.v_t", "v_ref": net.command("v_ref", 1.0), "i_fd": "machine.i_fd"}
+    net.add("exciter", Ac1a(), inputs=inputs, clock=clock)
+    return assemble(net, 100e-6)
+
+
+GENSET_START = {"machine.omega": 1.0, "machine.psi_d": 0.99, "machine.psi_f": 1.04, "machine.psi_kd": 0.99,
+                "exciter.v_m": 1.0, "exciter.v_e": 1.2, "exciter.v_a": 1.5, "exciter.x_f": 1.5,
+                "bus.v_beta": 390.0, "exciter.E_fd": 1.0}  # fmt: skip
+
+
+def exciter_on_field(T_d01):
+    """AC1A on an unloaded machine that is its field alone: v_t = i_fd = E."""
+    net = Network("voltage loop")
+    net.add("field", Field(T_d01=T_d01), inputs={"E_fd": "exciter.E_fd"})
+    net.add("exciter", Ac1a(), inputs={"v_t": "field.E", "v_ref": 1.0 + 1.4986 / 600.0, "i_fd": "field.E"})
+    return assemble(net, 1e-4)
+
+
+def rectifier(
+    *, control=None, source=0.0, f_s=3240.0, R_d=None, capacitance=17e-3, mode=0.0, stiff=None, L_1=1.29, e=1.0
+):
+    """Active rectifier between a stiff three-phase voltage and a DC bus with a constant-power load (`power`)."""
+    lcl = LclFilter.per_unit(596e3, 480.0, 60.0, L_1=L_1, C=0.07, L_2=0.09)
+    z_b = 480.0**2 / 596e3
+    L_2, R_d = lcl.L_2 + source, lcl.R_d if R_d is None else R_d * z_b
+    lcl = LclFilter(L_1=lcl.L_1, R_1=lcl.R_1, C=lcl.C, R_d=R_d, L_2=L_2, R_2=lcl.R_2)
+    net = Network("rectifier")
+    dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 480.0, 60.0)
+    net.capacitance(dc, capacitance)
+    net.add("grid", TurningVoltage(), inputs={"v": e * math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
+    net.add_three_phase("source", Source(), ports={"ends": ac}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
+    s = {f"s_{axis}": f"modulator.s_{axis}" for axis in AXES}
+    net.add_three_phase("lcl", lcl, ports={"converter": Pole3(dc, **s), "grid": ac})
+    measured = {f"{to}_{axis}": f"lcl.{axis}.{of}" for axis in AXES for to, of in (("v_c", "v_c"), ("i_1", "i_1"))}
+    net.add(
+        "control",
+        control or RectifierControl(),
+        inputs=measured | {"v_dc": "dc.v_dc", "v_dc_ref": net.command("v_dc_ref", 750.0), "mode": mode, "enable": 1.0},
+        clock=Sampled(f_s),
+    )
+    add_modulator(net, "modulator", kind="bridge", source="control", clock=Sampled(f_s))
+    if stiff is None:
+        net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
+        net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+    else:
+        net.add("bus", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -stiff})
+    return assemble(net, 30e-6)
+
+
+RECTIFIER_START = {"ac.v_alpha": 392.0, "lcl.alpha.v_c": 392.0, "lcl.alpha.i_1": -189.0, "lcl.alpha.i_2": -189.0,
+                   "control.v_ff_d": 1.0, "control.v_f": 1.0, "control.dc.pi.i": 0.187, "control.i_dc_f": 0.187,
+                   "control.vs_d": 1.0, "control.vs_q": -0.25, "modulator.s_alpha": 0.52,
+                   "modulator.s_beta": -0.13}  # fmt: skip
+"""Near 0.19 pu of load."""
+
+
+def dc_loop(mode=0.0, **gains):
+    """The rectifier's DC control on an ideal lag, 10 mF, a constant-power load: reading B, or A with mode 1."""
+    net = Network("dc loop")
+    dc = net.dc_bus("dc", 750.0)
+    net.capacitance(dc, 10e-3)
+    inputs = {"v_dc": "dc.v_dc", "v_ref": net.command("v_ref", 750.0), "mode": mode}
+    item, start = IdealRectifier(**gains), {"dc.mode": mode}
+    net.add("rectifier", item, inputs=inputs, initial=start, clock=Every(2e-6))
+    net.add("fed", CurrentLoad(), ports={"ends": dc}, inputs={"i": "rectifier.i"})
+    net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
+    net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+    return assemble(net, 2e-6)
+
+
+def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
+    """Inverters on one bar, each with its own filter, on a stiff DC bus."""
+    control = GridForming(**{**PRESETS[preset], **changes})
+    lcl = LclFilter.per_unit(50e3, 400.0, 60.0, L_1=control.L_1, C=0.06, L_2=0.10)
+    net = Network("grid forming")
+    dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 400.0, 60.0)
+    net.capacitance(dc, 10e-3)
+    net.add("battery", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -750.0})
+    for k in range(units):
+        name = f"inverter_{k}"
+        s = {f"s_{axis}": f"{name}.modulator.s_{axis}" for axis in AXES}
+        net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": Pole3(dc, **s), "grid": ac})
+        states = (("v_c", "v_c"), ("i_1", "i_1"), ("i_g", "i_2"))
+        measured = {f"{to}_{axis}": f"{name}.lcl.{axis}.{of}" for axis in AXES for to, of in states}
+        inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0}
+        net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=Sampled(1620.0))
+        source = f"{name}.control"
+        add_modulator(net, f"{name}.modulator", kind="bridge", source=source, clock=Sampled(1620.0))
+    if conductance:
+        net.conductance(ac, conductance)
+    for k, load in enumerate(loads):
+        net.add_three_phase(f"load_{k}", load, ports={type(load).__component__.terminals[0].name: ac})
+    return assemble(net, 30e-6)
+
+
+def series(p, power_factor=0.9):
+    return (Load(p_0=p, power_factor=power_factor),), 0.0
+
+
+def parallel(p, power_factor=0.9):
+    q = p * math.tan(math.acos(power_factor))
+    return (RlBranch(R=0.0, L=400.0**2 / q / OMEGA),), p / 400.0**2
+
+
+def swing(X, T_1):
+    """The droops alone against a stiff bus, sampled so often that they are as good as continuous."""
+    net = Network("swing")
+    net.add("inverter", Swing(X=X, T_1=T_1))
+    return assemble(net, 1e-6)
+
+
+def shaft_line():
+    """Motor, drive and speed control on a stiff DC bus; the screw's torque goes with the speed."""
+    net = Network("shaft line")
+    dc = net.dc_bus("dc", 750.0)
+    net.capacitance(dc, 5e-3)
+    net.add("bus", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -750.0})
+    motor = Pmsm()
+    at_bus = {"v_dc": "dc.v_dc"}
+    speed = {"n_ref": net.command("n_ref", 0.3), "omega_pu": "shaft.omega_pu", **at_bus}
+    net.add("speed", MotorSpeed(), inputs=speed)
+    drive = DriveCurrent(R=motor.R_s)
+    measured = {"tau_ref": "speed.tau_ref", "i_d": "motor.i_d", "i_q": "motor.i_q", "theta_e": "motor.theta_e"}
+    net.add("drive", drive, inputs=measured | {"omega_m": "shaft.omega_m", **at_bus})
+    stator = Pole3(dc, s_alpha="drive.s_alpha", s_beta="drive.s_beta")
+    net.add_three_phase("motor", motor, ports={"stator": stator}, inputs={"omega_m": "shaft.omega_m"})
+    net.add("screw", LinearTorque(), inputs={"omega": "shaft.omega_m", "k": net.command("k", 0.0)})
+    net.add("shaft", Shaft(eta_s=1.0), inputs={"tau_e": "motor.tau_e", "tau": "screw.tau"})
+    return assemble(net, 30e-6)
+
+
+def battery_forming(capacitance):
+    """One battery that forms the bus, its voltage constant, with a constant-power load (`power`)."""
+    net = Network("battery")
+    dc = net.dc_bus("dc", 750.0)
+    net.capacitance(dc, capacitance)
+    net.add("converter", BuckBoost(), ports={"leg": Pole(dc, s="modulator.s")}, inputs={"e": 474.0})
+    net.add(
+        "control",
+        BatteryControl(),
+        inputs={"i_l": "converter.i_l", "v_b": "converter.v_c", "v_dc": "dc.v_dc", "soc": 0.5, "enable": 1.0}
+        | {"mode_ref": VOLTAGE, "v_dc_ref": 750.0, "i_ref": 0.0},
+        initial={"mode": VOLTAGE},
+        clock=Sampled(5000.0),
+    )
+    add_modulator(net, "modulator", kind="leg", source="control", clock=Sampled(5000.0))
+    net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 10e3)})
+    net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+    return assemble(net, 30e-6)

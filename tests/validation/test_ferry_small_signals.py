@@ -1,0 +1,127 @@
+"""Small signals of the whole ferry, moored and with a genset loaded: modes, a step, the impedance of its DC bus."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import shipgrid as sg
+from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.scenarios.runner import build
+
+H = 90e-6
+
+
+@pytest.fixture(scope="module")
+def moored():
+    ship = sg.load_ship("ferry")
+    plan = build(ship, H)
+    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    return plan, work, sg.steady_state(plan, start=work)
+
+
+@pytest.fixture(scope="module")
+def loaded(moored):
+    """Genset fore started and loaded by the droop; Newton's method spares the minute of the reactive power loop."""
+    plan, work, _ = moored
+    work = work.snapshot()
+    work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
+    advance(plan, work, 25.0)
+    point = sg.steady_state(plan, start=work)
+    return plan, point, sg.linearise(plan, point)
+
+
+def test_moored_ferry_rests_where_the_run_came_to_rest(moored):
+    plan, work, point = moored
+    for name in ("dc_for.v_dc", "bess_for.control.i_star", "inverter_for.control.p", "inverter_for.control.voltage.d"):
+        assert point[name] == pytest.approx(work.sig[plan.layout.index[name]], rel=2e-3), name  # a sawtooth
+    assert point.frequency["ac_for"] == pytest.approx(60.0 * (1.0 - 0.02 * point["inverter_for.control.p"]), abs=1e-6)
+
+
+def test_modes_of_the_moored_ferry_are_those_of_its_parts(moored):
+    plan, _, point = moored
+    modes = sg.linearise(plan, point).modes()
+    assert modes.stable
+    # two inverters apart on 10 kW of R-L each, as the table of the design has them
+    assert len([m for m in modes.of("inverter_for.control.i_g_slow") if abs(m.eigenvalue.real + 16.4) < 0.1]) == 1
+    # both shaft lines at standstill, without damping by the water
+    for line in ("propulsion_for", "propulsion_aft"):
+        shaft = modes.of(f"{line}.shaft.omega_m")[0]
+        assert abs(shaft.eigenvalue - (-1.59 + 1.50j)) < 0.02 * abs(shaft.eigenvalue)
+    # the tie between 17 mF on either side
+    network = plan.network
+    tie, capacitance = network.placed["dc_tie.branch"].item, network.capacitances["dc_for.v_dc"]
+    swing = modes.of("dc_tie.branch.i")[0]
+    assert swing.frequency == pytest.approx(math.sqrt(2.0 / (tie.L * capacitance)) / (2.0 * math.pi), rel=0.02)
+    assert set(swing.participation) >= {"dc_tie.branch.i", "dc_for.v_dc", "dc_aft.v_dc"}
+
+
+def test_modes_with_a_genset_loaded_are_those_of_its_loops(loaded):
+    _, point, model = loaded
+    modes = model.modes()
+    assert modes.stable
+    assert point["rectifier_for.control.p_dc"] > 15e3
+    assert point.frequency["genset_for.terminals"] == pytest.approx(60.0 * point["genset_for.machine.omega"], rel=1e-9)
+    speed = modes.nearest(-17.73 + 43.5j)  # governor, dead time, rotor: load moves them by less than 2 %
+    assert abs(speed.eigenvalue - (-17.73 + 43.5j)) < 0.02 * abs(speed.eigenvalue)
+    assert any(name.startswith("genset_for.governor") or name == "genset_for.machine.omega" for name in speed.states)
+    pll = modes.of("rectifier_for.control.pll.omega")[0]
+    assert abs(pll.eigenvalue) == pytest.approx(2.0 * math.pi * 20.0, rel=0.03)  # its 20 Hz, zeta 0.707
+    assert pll.damping == pytest.approx(0.707, abs=0.02)
+    voltage = modes.of("genset_for.exciter.v_e")[0]
+    assert 0.2 < voltage.damping < 0.5
+
+
+def test_a_run_started_at_the_point_stays_there(loaded):
+    plan, point, _ = loaded
+    work = point.workspace()
+    advance(plan, work, 0.5)
+    for name in ("dc_for.v_dc", "genset_for.machine.omega", "genset_for.machine.psi_f", "genset_for.governor.throttle",
+                 "genset_for.exciter.v_a", "rectifier_for.control.dc.pi.i", "bess_for.control.i_star"):  # fmt: skip
+        assert work.sig[plan.layout.index[name]] == pytest.approx(point[name], rel=2e-3), name
+
+
+def test_a_step_of_the_speed_reference_goes_as_linear_theory_says(loaded):
+    """0.2 %: what its ramp lets through in one tick of the sequence, so that the ramp does not show."""
+    plan, point, model = loaded
+    signals = ["genset_for.machine.omega", "genset_for.governor.throttle", "genset_for.governor.a_2"]
+    every, runs = 100, []
+    for extra in (0.0, 0.002):
+        work = point.workspace()
+        work.sig[plan.layout.index["command:genset_for.speed_ref"]] += extra
+        places = [plan.layout.index[name] for name in signals]
+        rows = [work.sig[places].copy()]
+        for _ in range(round(2.0 / H / every)):
+            advance(plan, work, every * H)
+            rows.append(work.sig[places].copy())
+        runs.append(np.array(rows))
+    found = runs[1] - runs[0]
+    predicted = model.step("genset_for.speed_ref", 0.002, (len(found) - 1) * every * H, signals, n=len(found))
+    for k, name in enumerate(signals):
+        size = np.abs(predicted[name]).max()
+        # 3 %: the 10 ms of the sequence's clock, half a tick of which the linear model has as a lag
+        assert np.abs(found[:, k] - predicted[name]).max() < 0.03 * size, name
+
+
+@pytest.mark.parametrize("frequency", [10.0, 50.0, 150.0])
+def test_impedance_of_the_dc_bus_is_what_a_small_current_finds(loaded, frequency):
+    """A sinusoidal current of 1 A into the bus, as charge at every step; the answer by correlation over whole periods."""
+    plan, point, model = loaded
+    steps = round(1.0 / frequency / H)
+    omega = 2.0 * math.pi / (steps * H)  # a whole number of steps a period
+    v, capacitance = plan.layout.index["dc_for.v_dc"], plan.network.capacitances["dc_for.v_dc"]
+    settle, count = round(0.35 / (steps * H)), max(4, round(0.1 / (steps * H)))
+    runs = []
+    for amplitude in (0.0, 1.0):
+        work, trace = point.workspace(), []
+        for k in range((settle + count) * steps):
+            work.sig[v] += amplitude * math.cos(omega * (k + 0.5) * H) * H / capacitance
+            advance(plan, work, H)
+            trace.append(work.sig[v])
+        runs.append(np.array(trace[settle * steps :]))
+    t = H * (settle * steps + np.arange(count * steps) + 1.0)
+    found = 2.0 * np.mean((runs[1] - runs[0]) * np.exp(-1j * omega * t))
+    predicted = sg.impedance(model, "dc_for", [omega / (2.0 * math.pi)]).value[0]
+    assert abs(found - predicted) < 0.02 * abs(predicted)

@@ -1,0 +1,272 @@
+"""Eigenvalues of the design's figures, by the linearisation that any plant gets; and linear against nonlinear runs.
+
+The plants are networks of the real components with their real kernels (`small_signal_rig`); nothing here writes an
+equation of theirs down again.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from validation import small_signal_rig as rig
+from validation.test_rectifier import GENSET, Bench, bus_damping
+
+from shipgrid.analysis.equilibrium import steady_state
+from shipgrid.analysis.linearise import linearise
+from shipgrid.analysis.steady_state import advance
+from shipgrid.controllers.rectifier_control import RectifierControl
+
+
+def near(modes, expected, within=0.02):
+    """Whether each expected eigenvalue has one within 2 % of its magnitude."""
+    found = modes.eigenvalues
+    missing = {z: found[np.argmin(np.abs(found - z))] for z in expected if np.abs(found - z).min() > within * abs(z)}
+    assert not missing, missing
+
+
+# the genset
+
+
+def test_generator_on_a_stiff_bus_has_the_published_eigenvalues():
+    plan = rig.machine_on_stiff_bus()
+    point = steady_state(
+        plan,
+        hold={"machine.p_ac": 0.5 * 596e3, "machine.q_ac": 0.0},
+        free=["E_fd", "T_m"],
+        start={"machine.omega": 1.0, "machine.theta": math.radians(34.8 - 90.0), "machine.psi_f": 1.1,
+               "machine.psi_d": 0.8, "machine.psi_q": -0.5, "machine.psi_kd": 0.9, "machine.psi_kq": -0.5,
+               "bus.v_alpha": 391.9},
+    )  # fmt: skip
+    assert (point["E_fd"], point["T_m"]) == pytest.approx((1.511, 0.503), abs=5e-4)
+    assert point.frequency["bus"] == pytest.approx(60.0, abs=1e-9)
+    modes = linearise(plan, point).modes()
+    near(modes, [-33.0 + 370.3j, -131.2, -21.66 + 61.08j, -70.0, -0.965])
+    # seven of the machine, its angle counted from the bus's; the source's branch is far to the left
+    assert len([z for z in modes.eigenvalues if z.real > -500.0]) == 7
+    swing = modes.nearest(-21.66 + 61.08j)
+    assert set(swing.states[:2]) == {"machine.omega", "machine.theta"}
+
+
+def test_speed_loop_of_the_unloaded_genset_is_that_of_governor_dead_time_and_rotor():
+    plan = rig.genset()
+    point = steady_state(plan, start=rig.GENSET_START)
+    modes = linearise(plan, point).modes()
+    near(modes, [-2.66 + 2.37j, -17.73 + 43.5j, -43.0 + 84.7j])
+    assert "governor.throttle" in modes.nearest(-2.66 + 2.37j).participation
+
+
+@pytest.mark.parametrize(
+    ("T_d01", "expected"), [(3.5, [-4.49 + 16.1j, -1.07, -15.2, -47.4]), (2.0, [-0.77 + 17.9j]), (1.0, [3.2 + 21.2j])]
+)
+def test_voltage_loop_on_the_field_alone_has_the_published_eigenvalues(T_d01, expected):
+    plan = rig.exciter_on_field(T_d01)
+    start = {"field.E": 1.0, "exciter.v_m": 1.0, "exciter.v_a": 1.4986, "exciter.v_e": 1.1154, "exciter.x_f": 1.4986}
+    point = steady_state(plan, start=start)
+    modes = linearise(plan, point).modes()
+    near(modes, expected)
+    assert modes.stable == (T_d01 > 1.0)
+
+
+# the rectifier
+
+
+@pytest.mark.parametrize(
+    ("R_d", "expected"), [(0.2, [-7.1, -273 + 157j, -441 + 5257j, -461 + 4494j]), (0.0, [2.4 + 5280j])]
+)
+def test_current_loop_of_the_rectifier_has_the_published_eigenvalues(R_d, expected):
+    """As they were computed: one delay of 1.5/1620 s, no feed-forward, decoupled by both chokes, the rest slow."""
+    slow = {"f_ff": 0.01, "pll_f": 0.05, "K_p_dc": 1e-4, "K_i_dc": 1e-2, "K_p_q": 1e-4, "K_i_q": 1e-3}
+    control = RectifierControl(L_1=1.38 * 480.0**2 / 596e3 / rig.OMEGA, **slow)
+    damped = rig.rectifier(control=control, f_s=1620.0, R_d=0.2, stiff=743.0)
+    plan = rig.rectifier(control=control, f_s=1620.0, R_d=R_d, stiff=743.0)
+    start = steady_state(damped, start=rig.RECTIFIER_START).workspace()
+    modes = linearise(plan, steady_state(plan, start=start)).modes()
+    near(modes, expected)
+    assert modes.stable == (R_d > 0.0)
+
+
+@pytest.mark.parametrize(("load", "expected"), [(0.0, [-162.7 + 297.7j, -2.52]), (1.0, [-109 + 262j, -3.42])])
+def test_dc_loop_has_the_published_eigenvalues(load, expected):
+    # the load's current at the nominal voltage is what they were computed at
+    plan = rig.dc_loop()
+    point = steady_state(plan, {"power": load * 596e3}, hold={"dc.v_dc": 750.0}, free=["v_ref"], start={})
+    near(linearise(plan, point).modes(), expected)
+
+
+# drive and inverter
+
+
+@pytest.mark.parametrize(("damping", "expected"), [(0.0, -1.59 + 1.50j), (2.0, -1.90 + 1.07j)])
+def test_speed_loop_of_the_shaft_line_has_the_published_eigenvalues(damping, expected):
+    plan = rig.shaft_line()
+    point = steady_state(plan, {"k": damping * 5729.6 / 47.12389}, start={"shaft.omega_m": 0.3 * 47.1})
+    assert point["shaft.omega_pu"] == pytest.approx(0.3, rel=1e-9)
+    modes = linearise(plan, point).modes()
+    near(modes, [expected])
+    assert set(modes.nearest(expected).states) <= {"shaft.omega_m", "speed.speed.i"}
+
+
+@pytest.mark.parametrize(
+    ("X", "T_1", "expected"),
+    [
+        (0.15, 0.033, [-46.35 + 51.9j, -29.6]),
+        (0.15, 0.011, [-15.7 + 36.5j]),
+        (0.10, 0.033, [-46.2 + 71.1j]),
+        (0.10, 0.011, [-15.7 + 46.1j]),
+    ],
+)
+def test_outer_loop_of_the_inverter_has_the_published_eigenvalues(X, T_1, expected):
+    plan = rig.swing(X, T_1)
+    near(linearise(plan, steady_state(plan, start={})).modes(), expected, within=0.005)
+
+
+@pytest.mark.parametrize(
+    ("preset", "load", "rightmost"),
+    [
+        ("default", rig.series(10e3), -16.4),
+        ("paper", rig.series(6e3), -9.1),
+        ("default", rig.parallel(10e3), -5.91 + 334.6j),
+        ("paper", rig.parallel(6e3), -5.15 + 329.2j),
+    ],
+)
+def test_isolated_inverter_has_the_eigenvalues_of_the_table(preset, load, rightmost):
+    """The table has -6.6+333j and -5.8+327j for R || L: 0.5 and 0.7 % of the magnitude from these."""
+    plan = rig.grid_forming(preset, *load)
+    point = steady_state(plan, start={})
+    sampled = linearise(plan, point, method="sampled").modes()
+    assert sampled[0].eigenvalue == pytest.approx(rightmost, abs=0.15)  # the last digits
+    continuous = linearise(plan, point).modes()
+    near(continuous, [m.eigenvalue for m in sampled if abs(m.eigenvalue) < 340.0])  # a thirtieth of the sampling
+
+
+@pytest.mark.parametrize(
+    ("preset", "power", "expected"), [("default", 10e3, -4.4 + 43.0j), ("paper", 6e3, -6.0 + 18.0j)]
+)
+def test_two_inverters_in_parallel_have_the_eigenvalue_of_the_table(preset, power, expected):
+    plan = rig.grid_forming(preset, *rig.series(2.0 * power), units=2)
+    point = steady_state(plan, start={})
+    assert point["inverter_0.control.p"] == pytest.approx(point["inverter_1.control.p"], rel=1e-6)
+    modes = linearise(plan, point, method="sampled").modes()
+    assert abs(modes[0].eigenvalue - expected) < 0.55  # printed without decimals
+    assert {name.partition(".")[0] for name in modes[0].states} == {"inverter_0", "inverter_1"}  # they swing
+
+
+def test_without_transformer_reactance_parallel_inverters_lose_damping_as_the_design_says():
+    """With the lead-lag off the pair is unstable: the table's note says +2.3 1/s."""
+    plan = rig.grid_forming("default", *rig.series(20e3), units=2, T_1=0.011)
+    modes = linearise(plan, steady_state(plan, start={}), method="sampled").modes()
+    assert not modes.stable
+
+
+@pytest.mark.parametrize(("capacitance", "expected"), [(17e-3, [-5.5]), (34e-3, [-5.5, -60.0])])
+def test_battery_that_forms_the_bus_has_the_published_eigenvalues(capacitance, expected):
+    """Computed for an ideal current loop without filter: 10 % is what these make of them."""
+    plan = rig.battery_forming(capacitance)
+    start = {"converter.i_l": 21.0, "control.voltage.i": 21.0, "control.i_star": 21.0, "control.current.i": 5.0}
+    point = steady_state(plan, start=start | {"modulator.s": 0.62})
+    exact = linearise(plan, point, method="sampled").modes()
+    near(exact, expected, within=0.10)
+    near(linearise(plan, point).modes(), [m.eigenvalue for m in exact if abs(m.eigenvalue) < 600.0], within=0.002)
+
+
+# sampled control exactly, against a rig that steps the period itself
+
+
+@pytest.mark.parametrize(("p_pu", "zeta"), [(0.2, 0.33), (0.5, 0.12), (0.55, 0.04)])
+def test_poles_of_the_sampled_rectifier_are_those_of_a_rig_that_steps_the_period(p_pu, zeta):
+    plan = rig.rectifier(source=GENSET)
+    light = steady_state(plan, {"power": 0.2 * 596e3}, start=rig.RECTIFIER_START)
+    point = steady_state(plan, {"power": p_pu * 596e3}, start=light.workspace())
+    bench = Bench(source=GENSET, conductance=0.0).started()
+    bench.loaded(p_pu * 596e3)
+    assert point["dc.v_dc"] == pytest.approx(bench.f[6], rel=1e-4)  # a sawtooth of 0.03 V
+    expected = bench.poles()
+    modes = linearise(plan, point, method="sampled").modes()
+    slower = [z for z in expected if abs(z) < 2.0 * math.pi * 1000.0]
+    assert len(slower) >= 18
+    near(modes, slower, within=0.003)  # its RK4 and Euler start of the stages
+    assert bus_damping(modes.eigenvalues) == pytest.approx(bus_damping(expected), abs=0.003)
+    assert bus_damping(modes.eigenvalues) == pytest.approx(
+        zeta, abs=0.03
+    )  # the design's source reactance is not stated
+    near(linearise(plan, point).modes(), [z for z in slower if abs(z) < 650.0], within=0.005)
+
+
+@pytest.mark.parametrize(("load", "expected"), [(0.0, [-253.0, -19.8, -2.89]), (1.0, [89.7])])
+def test_reading_a_on_an_ideal_current_has_the_published_eigenvalues(load, expected):
+    modes = ideal_reading_a(load)
+    near(modes, expected)
+    assert modes.stable == (load == 0.0)
+
+
+def test_reading_a_on_an_ideal_current_is_unstable_above_a_fifth_of_the_rating():
+    assert ideal_reading_a(0.19).stable
+    assert not ideal_reading_a(0.23).stable
+
+
+def ideal_reading_a(load):
+    plan = rig.dc_loop(mode=1.0, K_p_form=0.2, K_i_form=0.5)
+    point = steady_state(plan, {"power": load * 596e3}, start={"rectifier.i": load, "rectifier.dc.pi.i": load})
+    assert point["dc.v_dc"] == pytest.approx(750.0)
+    return linearise(plan, point).modes()
+
+
+def test_reading_a_of_the_rectifier_itself_is_stable_there():
+    """It holds the AC current, so the power and not the DC current: a falling bus gets more, as the load takes more."""
+    control = RectifierControl(K_p_form=0.2, K_i_form=0.5)
+    plan = rig.rectifier(source=GENSET, control=control, mode=1.0)
+    start = rig.RECTIFIER_START | {"control.dc.mode": 1.0}
+    point = steady_state(plan, {"power": 0.3 * 596e3}, start=start)
+    modes = linearise(plan, point).modes()
+    assert modes.stable
+    bench = Bench(source=GENSET, control=control, conductance=0.0).started(mode=1.0)
+    bench.loaded(0.3 * 596e3)
+    assert bench.poles().real.max() < 0.0  # the same by the rig that steps the period
+
+
+# linear against nonlinear
+
+
+def difference_of_runs(plan, point, command, amount, seconds, signals, every=20):
+    """What a step of a command does: one run with it less one without, from the same point."""
+    runs = []
+    for extra in (0.0, amount):
+        work = point.workspace()
+        work.sig[plan.layout.index[f"command:{command}"]] += extra
+        rows = [work.sig[[plan.layout.index[name] for name in signals]].copy()]
+        while work.n * plan.h < seconds - 0.5 * plan.h:
+            advance(plan, work, every * plan.h)
+            rows.append(work.sig[[plan.layout.index[name] for name in signals]].copy())
+        runs.append(np.array(rows))
+    return plan.h * every * np.arange(len(runs[0])), runs[1] - runs[0]
+
+
+def agree(plan, point, command, amount, seconds, signals, every=20):
+    t, found = difference_of_runs(plan, point, command, amount, seconds, signals, every)
+    predicted = linearise(plan, point).step(command, amount, t[-1], signals, n=len(t))
+    for k, name in enumerate(signals):
+        size = np.abs(predicted[name]).max()
+        assert size > 0.0, name
+        assert np.abs(found[:, k] - predicted[name]).max() < 0.02 * size, name
+
+
+@pytest.mark.parametrize("command", ["omega_ref", "v_ref"])
+def test_one_percent_step_of_a_loaded_genset_goes_as_linear_theory_says(command):
+    plan = rig.genset(load=0.3)
+    point = steady_state(plan, start=rig.GENSET_START)
+    signals = ["machine.omega", "machine.psi_f", "governor.throttle", "governor.a_2", "exciter.v_a", "exciter.v_e"]
+    agree(plan, point, command, 0.01, 2.0, signals, every=50)
+
+
+def test_one_percent_step_of_the_rectifier_goes_as_linear_theory_says():
+    plan = rig.rectifier(source=GENSET)
+    point = steady_state(plan, {"power": 0.2 * 596e3}, start=rig.RECTIFIER_START)
+    agree(plan, point, "v_dc_ref", 7.5, 0.5, ["dc.v_dc", "control.i_dc_f", "control.v_f", "control.q_f"])
+
+
+def test_one_percent_step_of_the_shaft_speed_goes_as_linear_theory_says():
+    plan = rig.shaft_line()
+    point = steady_state(plan, {"k": 2.0 * 5729.6 / 47.12389}, start={"shaft.omega_m": 0.3 * 47.1})
+    agree(plan, point, "n_ref", 0.003, 2.0, ["shaft.omega_m", "speed.speed.i", "motor.i_q"])
