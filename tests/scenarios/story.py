@@ -76,6 +76,7 @@ class Story:
         self.entry, self.values = woven_entry(plan), arguments(plan, work)
         self.t: list[float] = []
         self.rows: list[np.ndarray] = []
+        self._table = np.zeros((0, 0))
         self.events: list[tuple[float, str, str]] = []
 
     @property
@@ -128,9 +129,11 @@ class Story:
 
     def history(self, name: str, since: float = 0.0, until: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
         """Times and values of a signal."""
+        if len(self._table) != len(self.rows):
+            self._table = np.array(self.rows)
         t = np.array(self.t)
         chosen = (t > since) & (t <= until)
-        return t[chosen], np.array([row[list(self.places).index(name)] for row in self.rows])[chosen]
+        return t[chosen], self._table[chosen, list(self.places).index(name)]
 
     def when(self, owner: str, text: str) -> float:
         """Time of the last event of an item that says so."""
