@@ -9,6 +9,8 @@ import numpy as np
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.automation.interlocks import PERIOD, Interlocks
+from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.ship_file import Ship, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model.network import DcBus, Network
@@ -54,9 +56,13 @@ class Story:
         Paths of signals beside the public ones.
     work, plan : optional
         Where to carry on; else everything is off, with every DC bus at its nominal voltage.
+    interlocks : bool
+        Whether commands go through the interlocks.
     """
 
-    def __init__(self, ship, step=60e-6, *, every=1, watch: Iterable[str] = (), plan=None, work=None):
+    def __init__(
+        self, ship, step=60e-6, *, every=1, watch: Iterable[str] = (), plan=None, work=None, interlocks: bool = False
+    ):
         if plan is None:
             network = Network(ship.name)
             ship.build(network)
@@ -77,7 +83,10 @@ class Story:
         self.t: list[float] = []
         self.rows: list[np.ndarray] = []
         self._table = np.zeros((0, 0))
+        self.interlocks = Interlocks(ship, plan) if interlocks else None
         self.events: list[tuple[float, str, str]] = []
+
+        self.look = 0.0
 
     @property
     def now(self) -> float:
@@ -90,19 +99,34 @@ class Story:
 
     def tell(self, commands: Mapping[str, float | str | bool]) -> Story:
         """Give commands by path; a word where the command takes words."""
+        values = {}
         for path, value in commands.items():
             words = self.ship.commands[path].words
-            if isinstance(value, str):
-                assert words is not None
-                value = words[value]
-            self.work.sig[self.index[f"command:{path}"]] = float(value)
+            values[path] = words[value] if isinstance(value, str) and words is not None else float(value)
+        if self.interlocks is not None:
+            self._judged(self.interlocks.give(self.work.sig, values))
+        else:
+            for path, value in values.items():
+                self.work.sig[self.index[f"command:{path}"]] = value
         return self
+
+    def mode(self, name: str) -> Story:
+        """Give the commands of an operating mode."""
+        commands = self.ship.catalogue.modes[name]
+        return self.tell({path: parse_quantity(v, "A") if v.endswith("A") else v for path, v in commands.items()})
+
+    def _judged(self, verdicts):
+        for path, _, reason in verdicts:
+            self.events.append((self.now, path, f"refused: {reason}" if reason else "obeyed"))
 
     def go(self, seconds: float) -> Story:
         """Run on."""
         last = self.work.n + round(seconds / self.plan.h)
         while self.work.n < last:
             n = min(self.every, last - self.work.n)
+            if self.interlocks is not None and self.interlocks.held and self.now >= self.look:
+                self._judged(self.interlocks.again(self.work.sig))
+                self.look = self.now + PERIOD
             done = self.entry(n, self.work.n, *self.values)
             self.work.n += abs(done)
             assert done > 0, f"diverged at {self.now} s"

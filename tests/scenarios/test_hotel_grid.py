@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from scenarios.story import HOTEL, Story, ship_of
 
 SIDES = ("for", "aft")
