@@ -17,9 +17,9 @@ has one PI for boost and one for buck. Averaged, these are one PI whose current 
 branch changes when the current has come to zero and the voltage is more than `v_band` on the other side.
 
 Every change of mode is bumpless: i_set, or the integrator of (4), is set so that i_star stays where it is, and i_set
-then moves to its command at its rate. Started (`enable`), v_ref begins at the measured voltage and i_star at zero.
-Unloading is droop with i_set moved, at its rate, to where i_star is zero: the battery keeps holding the bus while
-others take its load over, or the voltage shows that nobody does.
+then moves to its command, until it arrives at the faster rate of a hand-over. Started (`enable`), v_ref begins at the
+measured voltage and i_star at zero. Unloading is droop with i_set moved, at that faster rate, to where i_star is zero:
+the battery keeps holding the bus while others take its load over, or the voltage shows that nobody does.
 
 The current is limited to i_max, and fades to zero over `soc_fade` as the charge comes to soc_min (discharging) or
 soc_max (charging); the fade is an addition to the paper.
@@ -64,6 +64,7 @@ class State:
     i_set: Ampere = signal("current set point, ramped")
     i_star: Ampere = signal("current reference")
     mode: Ratio = signal("mode in force, 0 off")
+    handing: Ratio = signal("1 from a change of mode until the set point has arrived")
     boost: Ratio = signal("voltage forming: 1 on the boost branch, 0 on the buck branch", initial=1.0)
     current: PiState
     voltage: PiState
@@ -122,7 +123,7 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
     if u.enable.real < 0.5:
         x_next.mode = OFF
         x_next.v_ref = x_next.v_f
-        x_next.i_set = x_next.i_star = x_next.current.i = x_next.voltage.i = 0.0
+        x_next.i_set = x_next.i_star = x_next.current.i = x_next.voltage.i = x_next.handing = 0.0
         y.s = clip(u.v_b / v_dc, p.s_min, p.s_max)  # no current when the gates are released
         return
 
@@ -159,8 +160,12 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
         droop = p.K_dr * e if mode == DROOP else 0.0 * e
         if changed:
             x_next.i_set = x.i_star - droop
+            x_next.handing = 0.0 if x.mode.real == OFF else 1.0
         target = -droop if u.unload.real > 0.5 else u.i_ref
-        x_next.i_set = ramp(target, x_next.i_set, p.i_rate, dt)
+        rate = p.i_rate_mode if x_next.handing.real > 0.5 or u.unload.real > 0.5 else p.i_rate
+        x_next.i_set = ramp(target, x_next.i_set, rate, dt)
+        if absolute(target - x_next.i_set).real <= SETTLED_A:
+            x_next.handing = 0.0
         wanted = x_next.i_set + droop  # (3), (5)
         i_star = clip(wanted, low, high)
         y.ramping = 1.0 if absolute(target - x_next.i_set).real > SETTLED_A else 0.0
@@ -203,6 +208,12 @@ class BatteryControl(Derived):
         "voltage forming, hysteresis between boost and buck", default=2.0, at_least=0.0, source="typical"
     )
     i_rate: AmperePerSecond = param("rate of the current set point", default=50.0, above=0.0, source="typical")
+    i_rate_mode: AmperePerSecond = param(
+        "rate of the current set point after a change of mode, and when unloading",
+        default=250.0,
+        above=0.0,
+        source="the whole of i_limit within 0.8 s: a hand-over shall settle within a second",
+    )
     v_rate: VoltPerSecond = param("rate of the voltage reference", default=50.0, above=0.0, source="as the rectifier's")
     i_limit: PerUnit = param(
         "current limit, on i_n", default=1.5, above=0.0, source="typical; [DAgostino2020] fig. 10a"

@@ -4,7 +4,8 @@ Per unit on the inverter's rating and the bar's voltage; dq on the internal angl
 itself. `s` is the Laplace variable in (1) to (5), the kernel is their sampled form.
 
     p = v_cd i_gd + v_cq i_gq,   q = v_cq i_gd - v_cd i_gq                           (at the filter capacitor)
-    omega = omega* + m_p (1 + T_1 s)/(1 + T_2 s) omega_c/(s + omega_c) (P* - p) + dw_sync,   dtheta/dt = omega   (1)
+    omega = omega* + m_p (1 + T_1 s)/(1 + T_2 s) omega_c/(s + omega_c) (P* + dp_sync - p) + dw_sync,
+    dtheta/dt = omega                                                                                            (1)
     E     = V* + m_q (Q* - omega_q/(s + omega_q) q) + dV_sync                                                    (2)
     dv_t  = R_v s/(s + omega_RV) i_g                                     transient virtual resistor              (3)
     dv_v  = (1 + j sigma) k_pRVI max(0, |i_1| - I_n) i_1                 threshold virtual impedance             (4)
@@ -15,12 +16,13 @@ itself. `s` is the Laplace variable in (1) to (5), the kernel is their sampled f
 The low-pass of (1) is the inertia (H = 1/(2 m_p omega_c)), its lead-lag the damping; T_1 = T_2 takes the lead-lag out.
 Both limits keep the vector's angle. An integrator stands still while its limit acts and the error would drive it
 further; the voltage integrator does so at the modulation limit as well, since the current loop cannot follow there.
-The virtual impedance alone would be unstable in a bolted short circuit: the limit of (6) bounds the current there.
+The virtual impedance alone would be unstable in a bolted short circuit: the limit of (6) bounds the current there, and
+with it the loops are damped.
 
 The bridge obeys half a period after the period of computation, 1.5 T_s in all, and the modulation vector is turned
 ahead by 1.5 omega T_s for it. The gains belong to this rate and delay, and without the
 advance the isolated inverter is unstable on a resistance parallel to an inductance. There damping falls with the
-resistance's share: below a power factor of about 0.65 such a load is unstable with these gains; a series one is not.
+resistance's share; a series load knows no such limit.
 
 After the grid-forming control of Qoria, Gruson, Colas, Guillaud and co-authors as open Dynawo models have it;
 values: [DAgostino2020] table A1; gains: docs/theory/grid_forming.md.
@@ -92,6 +94,7 @@ class Input:
     omega_ref: PerUnit = signal("frequency set point", initial=1.0)
     dw_sync: PerUnit = signal("frequency trim of the synchroniser", initial=0.0)
     dV_sync: PerUnit = signal("voltage trim of the synchroniser", initial=0.0)
+    dp_sync: PerUnit = signal("power trim of a tie that unloads", initial=0.0)
 
 
 class Output:
@@ -125,7 +128,7 @@ def derive(p: GridForming) -> dict[str, float]:
 @kernel
 def droop(p_ac, q_ac, dt, x: State, u: Input, p: GridForming, x_next: State):
     """Frequency and voltage of the droops [pu]: (1), (2)."""
-    x_next.power = low_pass(u.p_ref - p_ac, x.power, p.omega_c, dt)
+    x_next.power = low_pass(u.p_ref + u.dp_sync - p_ac, x.power, p.omega_c, dt)
     x_next.lead = low_pass(x_next.power, x.lead, 1.0 / p.T_2, dt)
     x_next.reactive = low_pass(q_ac, x.reactive, p.omega_q, dt)
     x_next.v_set = ramp(u.v_ref, x.v_set, p.v_rate, dt)
@@ -264,12 +267,12 @@ class GridForming(Derived):
     sigma: Ratio = param("X/R of the virtual impedance", default=5.0, at_least=0.0, source="[DAgostino2020] table A1")
     I_n: PerUnit = param("threshold of the virtual impedance", default=1.0, above=0.0, source="rated current")
     i_max: PerUnit = param("limit of the current reference", default=1.25, above=0.0, source="above the 1.2 pu of (4)")
-    K_pv: PerUnit = param("voltage loop, proportional", default=0.39, at_least=0.0, source="eigenvalue search")
-    K_iv: PerSecond = param("voltage loop, integral", default=236.0, at_least=0.0, source="eigenvalue search")
-    F_i: Ratio = param("feed-forward of the grid current", default=0.74, at_least=0.0, source="eigenvalue search")
-    K_pc: PerUnit = param("current loop, proportional", default=0.72, at_least=0.0, source="eigenvalue search")
-    K_ic: PerSecond = param("current loop, integral", default=97.0, at_least=0.0, source="eigenvalue search")
-    F_v: Ratio = param("feed-forward of the capacitor voltage", default=0.41, at_least=0.0, source="eigenvalue search")
+    K_pv: PerUnit = param("voltage loop, proportional", default=0.45, at_least=0.0, source="eigenvalue search")
+    K_iv: PerSecond = param("voltage loop, integral", default=225.0, at_least=0.0, source="eigenvalue search")
+    F_i: Ratio = param("feed-forward of the grid current", default=0.8, at_least=0.0, source="eigenvalue search")
+    K_pc: PerUnit = param("current loop, proportional", default=0.79, at_least=0.0, source="eigenvalue search")
+    K_ic: PerSecond = param("current loop, integral", default=36.0, at_least=0.0, source="eigenvalue search")
+    F_v: Ratio = param("feed-forward of the capacitor voltage", default=0.5, at_least=0.0, source="eigenvalue search")
     omega_F: RadianPerSecond = param(
         "low-pass of that feed-forward", default=2.0 * math.pi * 700.0, above=0.0, source="eigenvalue search"
     )

@@ -200,6 +200,7 @@ class Bess:
     k_i_v: PerUnitPerSecond = as_in(BatteryControl, "k_i_v")
     v_band: Volt = as_in(BatteryControl, "v_band")
     i_rate: AmperePerSecond = as_in(BatteryControl, "i_rate")
+    i_rate_mode: AmperePerSecond = as_in(BatteryControl, "i_rate_mode")
     v_rate: VoltPerSecond = as_in(BatteryControl, "v_rate")
     i_limit: PerUnit = as_in(BatteryControl, "i_limit")
     s_min: Ratio = as_in(BatteryControl, "s_min")

@@ -1,23 +1,29 @@
 """Tie breakers with their cables, between two DC buses or two AC bars, and the rules of closing.
 
-A breaker obeys 'open' at once, under load too: its current is set to zero (an AC breaker would wait for the current's
-zero, half a period at most). It closes when its rule allows, and says why as long as it does not.
+A DC breaker obeys 'open' at once, under load too; it closes when its rule allows, and says why as long as it does not.
+An AC breaker synchronises before it closes and unloads before it opens (`automation/ac_tie.py`). Either way its current
+is set to zero when it opens (an AC breaker would wait for the current's zero, half a period at most).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import dataclasses
 from typing import Any
 
+from shipgrid.automation.ac_tie import REFUSALS as AC_REFUSALS
+from shipgrid.automation.ac_tie import STATES as AC_STATES
+from shipgrid.automation.ac_tie import AcTie
 from shipgrid.components.electrical.cable import ac_cable, dc_cable
-from shipgrid.equipment.declaration import Published, equipment, reference, switch
+from shipgrid.equipment.declaration import Published, block, equipment, reference, switch
+from shipgrid.errors import TopologyError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Across, Every, Network
-from shipgrid.model.ops import absolute, arctan2, hypot, minimum, wrap
-from shipgrid.units import Hertz, Metre, Ohm, PerUnit, Radian, Ratio, Second, Volt
+from shipgrid.model.ops import absolute
+from shipgrid.units import Metre, Ohm, Ratio, Volt
 
 STATES = {0: "open", 1: "closed"}
+AC_CONTROL_PERIOD = 1e-3
+"""Clock of an AC tie's control [s]: a sixteenth of a cycle."""
 
 
 class SequenceOutput:
@@ -65,92 +71,7 @@ class DcBreakerControl:
     )
 
 
-class AcState:
-    """State of the AC breaker's control."""
-
-    closed: Ratio = signal("1: closed")
-    angle: Radian = signal("angle between the sides at the last instant")
-    in_step: Second = signal("for how long the sides have been in step")
-
-
-class AcInput:
-    """Input of the AC breaker's control."""
-
-    close: Ratio = signal("command")
-    from_alpha: Volt = signal("voltage of one side, alpha axis")
-    from_beta: Volt = signal("voltage of one side, beta axis")
-    to_alpha: Volt = signal("voltage of the other side, alpha axis")
-    to_beta: Volt = signal("voltage of the other side, beta axis")
-
-
-@kernel
-def ac_update(t, dt, x: AcState, u: AcInput, p: AcBreakerControl, x_next: AcState, y: SequenceOutput):
-    v_from = hypot(u.from_alpha, u.from_beta) / p.v_b
-    v_to = hypot(u.to_alpha, u.to_beta) / p.v_b
-    cross = u.from_alpha * u.to_beta - u.from_beta * u.to_alpha
-    dot = u.from_alpha * u.to_alpha + u.from_beta * u.to_beta
-    angle = arctan2(cross, dot)
-    df = wrap(angle - x.angle) / (2.0 * math.pi * dt)
-    alike = absolute(v_from - v_to).real < p.dv_max.real and absolute(df).real < p.df_max.real
-    alike = alike and absolute(angle).real < p.dtheta_max.real
-    x_next.angle = angle
-    x_next.in_step = x.in_step + dt if alike else 0.0
-    dead = minimum(v_from, v_to).real < p.v_dead.real
-
-    y.refused = 0.0
-    if u.close.real < 0.5:
-        x_next.closed = 0.0
-    elif x.closed.real < 0.5:
-        if dead or x_next.in_step.real > p.hold.real:
-            x_next.closed = 1.0
-        else:
-            y.refused = 1.0
-    y.closed = x_next.closed
-    y.position = 1.0 - x_next.closed
-
-
-class AcDerived:
-    """Base."""
-
-    v_b: Volt = signal("base voltage, peak of a phase")
-
-
-def ac_derive(p: AcBreakerControl) -> dict[str, float]:
-    """Base voltage."""
-    return {"v_b": math.sqrt(2.0 / 3.0) * p.v_n}
-
-
-@component(
-    state=AcState,
-    input=AcInput,
-    output=SequenceOutput,
-    derived=AcDerived,
-    derive=ac_derive,
-    update=ac_update,
-    stage="supervise",
-)
-class AcBreakerControl(AcDerived):
-    """Closes on a dead bar, or when both sides have been in step for a while."""
-
-    v_n: Volt = param("nominal voltage, line to line, rms", default=400.0, above=0.0, source="[DAgostino2020] table A1")
-    dtheta_max: Radian = param(
-        "largest angle", default=math.radians(2.0), above=0.0, source="synchronising rule, 2 deg"
-    )
-    df_max: Hertz = param("largest difference of frequency", default=0.05, above=0.0, source="synchronising rule")
-    dv_max: PerUnit = param("largest difference of voltage", default=0.01, above=0.0, source="synchronising rule")
-    hold: Second = param("time in step before closing", default=0.2, at_least=0.0, source="synchronising rule")
-    v_dead: PerUnit = param("below this a bar is dead", default=0.05, above=0.0, source="dead-bus rule")
-
-
-def publish_position(net: Network, name: str, refusals: Mapping[int, str]) -> None:
-    """Make the position public, and log its changes and refusals."""
-    net.publish(f"{name}.closed", source=f"{name}.sequence.closed", unit="1", description="1: closed")
-    net.watch_state(name, f"{name}.sequence.closed", STATES)
-    net.watch_refusal(name, f"{name}.sequence.refused", refusals)
-
-
 DC_REFUSALS = {1: "the voltages of the buses differ too much"}
-AC_REFUSALS = {1: "both bars are live and not in step"}
 
 
 @equipment(
@@ -180,22 +101,28 @@ class DcBreaker:
         net.add(f"{name}.sequence", DcBreakerControl(dv_max=self.dv_max), inputs=inputs, clock=Every(10e-3))
         description = "tie current, from the first bus to the second"
         net.publish(f"{name}.i", source=f"{name}.branch.i", unit="A", description=description)
-        publish_position(net, name, DC_REFUSALS)
+        net.publish(f"{name}.closed", source=f"{name}.sequence.closed", unit="1", description="1: closed")
+        net.watch_state(name, f"{name}.sequence.closed", STATES)
+        net.watch_refusal(name, f"{name}.sequence.refused", DC_REFUSALS)
 
 
 @equipment(
     "ac_breaker",
-    commands=(switch("close", "close the tie", refusals=AC_REFUSALS),),
+    commands=(switch("close", "close the tie, after synchronising the bars", refusals=AC_REFUSALS),),
     signals=(Published("closed", "1", "1: closed"),),
-    states=STATES,
+    states=AC_STATES,
 )
 class AcBreaker:
-    """Breaker and cable between two AC bars."""
+    """Breaker and cable between two AC bars, with its synchroniser.
+
+    The inverters on the bar `to` are moved for it, those on `from_` where `to` has none.
+    """
 
     from_: str = reference("one bar", "ac")
-    to: str = reference("the other bar", "ac")
+    to: str = reference("the other bar, whose inverters are moved when the tie closes or opens", "ac")
     length: Metre = param("length of the cable", default=10.0, above=0.0, source="typical")
     R_on: Ohm = param("resistance of a closed contact", default=1e-4, at_least=0.0, source="typical")
+    control: AcTie = block(AcTie)
 
     def build(self, net: Network, name: str, ship: Any) -> None:
         """Place cable and control, and publish."""
@@ -204,7 +131,39 @@ class AcBreaker:
         net.add_three_phase(
             f"{name}.branch", cable, ports={"branch": Across(a, b)}, variant=f"{name}.sequence.position"
         )
+        bar, sign = moved_bar(self, ship)
+        rating = sum(item.rating for item in ship.items("inverter").values() if item.grid == bar)
         names = ("from_alpha", "from_beta", "to_alpha", "to_beta")
-        inputs = {"close": net.command(f"{name}.close")} | dict(zip(names, a.nodes + b.nodes, strict=True))
-        net.add(f"{name}.sequence", AcBreakerControl(v_n=a.v_n), inputs=inputs, clock=Every(10e-3))
-        publish_position(net, name, AC_REFUSALS)
+        net.add(
+            f"{name}.sequence",
+            dataclasses.replace(self.control, v_n=a.v_n, sign=sign, **({"S_n": rating} if rating else {})),
+            inputs={"close": net.command(f"{name}.close")}
+            | dict(zip(names, a.nodes + b.nodes, strict=True))
+            | {f"i_{axis}": f"{name}.branch.{axis}.i" for axis in ("alpha", "beta")},
+            clock=Every(AC_CONTROL_PERIOD),
+        )
+        net.publish(f"{name}.closed", source=f"{name}.sequence.closed", unit="1", description="1: closed")
+        net.watch_state(name, f"{name}.sequence.code", AC_STATES)
+        net.watch_refusal(name, f"{name}.sequence.refused", AC_REFUSALS)
+
+
+def moved_bar(tie: AcBreaker, ship: Any) -> tuple[str, float]:
+    """Bar whose inverters a tie moves, and the sense in which its trims act there."""
+    fed = {item.grid for item in ship.items("inverter").values()}
+    return (tie.to, 1.0) if tie.to in fed or tie.from_ not in fed else (tie.from_, -1.0)
+
+
+def trims_of(bar: str, ship: Any) -> dict[str, str]:
+    """Trims for the inverters of a bar, by the grid-forming control's input, from the tie that moves it (if any).
+
+    Raises
+    ------
+    TopologyError
+        If two ties move it.
+    """
+    ties = [name for name, tie in ship.items("ac_breaker").items() if moved_bar(tie, ship)[0] == bar]
+    if len(ties) > 1:
+        raise TopologyError(
+            f"{' and '.join(ties)} both move {bar}, expected one: exchange 'from' and 'to' of the other"
+        )
+    return {trim: f"{ties[0]}.sequence.{trim}" for trim in ("dw_sync", "dV_sync", "dp_sync")} if ties else {}

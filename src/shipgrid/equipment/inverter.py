@@ -2,8 +2,9 @@
 
 The transformer's leakage is the filter's second inductance; all values are referred to the bar's side. Black start:
 the contactor closes on the dead bar with no voltage and the set point rises on a ramp, so that no inrush occurs.
-'Off' unloads first: voltage and power set points go down until hardly any power flows, which in parallel leaves the
-load to the others and alone takes the bar down with it.
+'Off' unloads first: the power set point goes down. If the power follows, others feed the bar: the voltage set point is
+moved as well until hardly any power flows, and the load stays with them. If it does not follow, the inverter is alone,
+and takes the bar down along the voltage ramp.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
+from shipgrid.equipment.breakers import trims_of
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
 from shipgrid.equipment.wiring import add_bridge
 from shipgrid.model import component, kernel, param, signal
@@ -26,6 +28,7 @@ from shipgrid.units import (
     PerUnit,
     PerUnitPerSecond,
     Ratio,
+    Second,
     Var,
     Volt,
     VoltAmpere,
@@ -47,6 +50,9 @@ class SequenceState:
     state: Ratio = signal("0 off, 1 starting, 2 on, 3 unloading")
     v_ref: PerUnit = signal("voltage set point")
     p_ref: PerUnit = signal("power set point")
+    elapsed: Second = signal("time of unloading")
+    p_before: PerUnit = signal("power delivered when unloading began")
+    alone: Ratio = signal("1: unloading showed that nobody else feeds the bar")
 
 
 class SequenceInput:
@@ -85,8 +91,15 @@ def derive(p: InverterSequence) -> dict[str, float]:
 @kernel
 def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: SequenceState):
     """Move the set points against the power that still flows; whether little enough is left to open."""
-    x_next.v_ref = clip(x.v_ref - p.rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
-    x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
+    x_next.elapsed = x.elapsed + dt
+    if x.elapsed.real < p.t_judge.real:
+        x_next.alone = 1.0 if absolute(u.p - x.p_before).real < absolute(p.follows * x.p_ref).real else 0.0
+    if x.alone.real > 0.5 and x.elapsed.real >= p.t_judge.real:
+        x_next.v_ref = 0.0 * x.v_ref
+    else:
+        x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
+        if x.elapsed.real >= p.t_judge.real:
+            x_next.v_ref = clip(x.v_ref - p.v_rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
     little = absolute(u.p).real < p.p_open.real and absolute(u.q).real < p.q_open.real
     return little or u.v_set.real <= 0.0
 
@@ -105,6 +118,9 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
     elif x.state == STARTING or x.state == ON:
         if not wanted:
             x_next.state = UNLOADING
+        elif x.state == STARTING and hypot(u.v_alpha, u.v_beta).real > ((u.v_set + p.v_foreign) * p.v_b).real:
+            x_next.state = OFF  # a tie closed onto the bar at the same moment: this is not its own voltage
+            y.refused = 2.0
         elif u.v_set.real >= 1.0:
             x_next.state = ON
     elif x.state == UNLOADING:
@@ -112,9 +128,12 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
             x_next.state = STARTING
         elif unload(dt, x, u, p, x_next):
             x_next.state = OFF
-    if x_next.state != UNLOADING:
+    if x_next.state != UNLOADING or x.state != UNLOADING:
         x_next.v_ref = 1.0
         x_next.p_ref = 0.0
+        x_next.elapsed = 0.0
+        x_next.p_before = u.p
+        x_next.alone = 0.0
     running = x_next.state != OFF
     y.code = x_next.state
     y.enable = 1.0 if running else 0.0
@@ -137,7 +156,25 @@ class InverterSequence(Derived):
     v_n: Volt = param("nominal voltage of the bar, line to line, rms", default=400.0, above=0.0, source="table A1")
     v_dc_min: Volt = param("lowest DC voltage to start at", default=650.0, above=0.0, source="sqrt 2 400 V and 15 %")
     v_dead: PerUnit = param("below this the bar is dead", default=0.05, above=0.0, source="dead-bus rule")
-    rate: PerUnitPerSecond = param("ramp of the set points when unloading", default=0.25, above=0.0, source="typical")
+    v_foreign: PerUnit = param(
+        "voltage above its own at which a starting inverter gives way", default=0.3, above=0.0, source="typical"
+    )
+    rate: PerUnitPerSecond = param("ramp of the power when unloading", default=0.25, above=0.0, source="typical")
+    v_rate: PerUnitPerSecond = param(
+        "ramp of the voltage when unloading beside others", default=0.05, above=0.0, source="4 1/s on reactive power"
+    )
+    t_judge: Second = param(
+        "time of unloading after which it judges whether others take over",
+        default=0.5,
+        above=0.0,
+        source="ten times the angle loop's",
+    )
+    follows: Ratio = param(
+        "change of power over that of its set point below which it is alone",
+        default=0.05,
+        above=0.0,
+        source="one of 20 equal units changes by 0.95, one of 20 times the other's rating by 0.05",
+    )
     p_open: PerUnit = param("power at which the contactor opens", default=0.03, above=0.0, source="typical")
     q_open: PerUnit = param("reactive power at which the contactor opens", default=0.05, above=0.0, source="typical")
 
@@ -231,7 +268,8 @@ class Inverter:
             | filter_state("i_1", "i_1")
             | filter_state("i_g", "i_2")
             | {"v_dc": bus.nodes[0], "enable": enable}
-            | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"},
+            | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"}
+            | trims_of(self.grid, ship),
             clock=clock,
         )
         net.add(

@@ -239,6 +239,18 @@ class Rectifier:
     )
     dc_droop: PerUnit = param("droop of the DC voltage", default=0.05, above=0.0, source="[DAgostino2020] table A1")
     ac_droop: PerUnit = param("droop of the AC voltage", default=0.05, above=0.0, source="[DAgostino2020] table A1")
+    dc_pi: str = choice(
+        "what the PI of the droop acts on: the error of the current, or (reading A of the paper) of the voltage",
+        "current",
+        "voltage",
+        default="current",
+    )
+    q_ref: str = choice(
+        "reference of the reactive power: the voltage error over its droop, or (literal) times it",
+        "over_droop",
+        "times_droop",
+        default="over_droop",
+    )
     C_dc: Farad = param(
         "capacitance of the DC side",
         default=10e-3,
@@ -285,6 +297,19 @@ class Rectifier:
             if said not in (default, getattr(self, own)):
                 raise ParameterError(f"rectifier.{part}.{name} = {said:g} is set by rectifier.{own}")
 
+    def outer_loops(self) -> dict[str, float]:
+        """Droops and gains of the outer loops in the reading of the paper that is chosen.
+
+        Reading A, i_d* = PI(v* - K_v i - v), is reading B, PI((v* - v)/K_v - i), with gains K_v times as large.
+        """
+        scale = self.dc_droop if self.dc_pi == "voltage" else 1.0
+        return {
+            "K_v": self.dc_droop,
+            "K_p_dc": scale * self.control.K_p_dc,
+            "K_i_dc": scale * self.control.K_i_dc,
+            "K_e": self.ac_droop if self.q_ref == "over_droop" else 1.0 / self.ac_droop,
+        }
+
     def build(self, net: Any, name: str, ship: Any) -> None:
         """Wire the item into the network."""
         bus, terminals = ship.bus(self.bus), net.bus(f"{self.source}.terminals")
@@ -301,8 +326,7 @@ class Rectifier:
             L_1=lcl.L_1,
             K_p=self.control.K_p * L_1 / L_1_PAPER,
             K_i=self.control.K_i * L_1 / L_1_PAPER,
-            K_v=self.dc_droop,
-            K_e=self.ac_droop,
+            **self.outer_loops(),
         )
         net.capacitance(bus, self.C_dc)
 

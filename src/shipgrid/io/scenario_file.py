@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from shipgrid.analysis.requirements import FIGURES, MEASURES, Requirement
+from shipgrid.automation.modes import MODES
 from shipgrid.equipment.declaration import Command
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
@@ -358,11 +359,13 @@ class _ScenarioReader:
         events: list[Event] = []
         given: dict[tuple[float, str], Place] = {}
         for path, section in self.listing(root, "timeline", "{at: 10 s, set: {propulsion_for.speed_ref: 6 kn}}"):
-            self.known(section, path, ("at", "set", "description"))
+            self.known(section, path, ("at", "mode", "set", "description"))
             at = self.time(section, "at", path, required=True)
-            if "set" not in section:
+            if "set" not in section and "mode" not in section:
                 self.problems.add(section.place, f"{path}.set", "missing, expected {command: value, ...}")
-            commands = self.commands(section.get("set"), f"{path}.set")
+            chosen = self.commands(section.get("set"), f"{path}.set")
+            own = {command for command, *_ in chosen}
+            commands = [given for given in self.mode(section, path) if given[0] not in own] + chosen
             if at is None:
                 continue
             for command, value, node in commands:
@@ -394,6 +397,25 @@ class _ScenarioReader:
                 value = self.command_value(command, value_node, inside)
                 if value is not None:
                     found.append((name, value, value_node))
+        return found
+
+    def mode(self, section: Section, path: str) -> list[tuple[str, float, Scalar]]:
+        """Commands of the operating mode that an entry asks for, if it does."""
+        if "mode" not in section:
+            return []
+        name = self.text(section, "mode", path, f"one of {', '.join(MODES)}")
+        if name is None:
+            return []
+        node = section.entries["mode"]
+        if name not in MODES:
+            what = f"no mode '{name}'{nearest(name, MODES)}, expected {', '.join(MODES)}"
+            self.problems.add(node.place, f"{path}.mode", what)
+            return []
+        found = []
+        for command, text in self.catalogue.modes.get(name, {}).items():
+            value = self.command_value(self.catalogue.commands[command], Scalar(text, node.place), f"{path}.mode")
+            if value is not None:
+                found.append((command, value, Scalar(text, node.place)))
         return found
 
     def unjudged(self, path: str) -> bool:

@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any
 
 from shipgrid.analysis.requirements import MEASURES
+from shipgrid.automation.modes import MODES
 from shipgrid.equipment.declaration import EQUIPMENT
 from shipgrid.io.quantities import EXAMPLES
 from shipgrid.io.scenario_file import STATES
@@ -43,8 +44,14 @@ def scenario_schema() -> dict[str, Any]:
     commands = {"type": "object", "additionalProperties": _VALUE}
     event = {
         "type": "object",
-        "properties": {"at": _TIME, "set": commands, "description": {"type": "string"}},
-        "required": ["at", "set"],
+        "properties": {
+            "at": _TIME,
+            "mode": {"enum": list(MODES), "description": "operating mode: a set of commands; `set` goes before it"},
+            "set": commands,
+            "description": {"type": "string"},
+        },
+        "required": ["at"],
+        "anyOf": [{"required": ["set"]}, {"required": ["mode"]}],
         "additionalProperties": False,
     }
     limit = {"type": ["string", "number"], "description": "in the unit of the signal"}

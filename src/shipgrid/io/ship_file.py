@@ -16,6 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from shipgrid.automation.modes import MODES, mode_commands
 from shipgrid.components.electrical.bar_meter import BarMeter
 from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
 from shipgrid.errors import ParameterError, ShipgridError
@@ -101,13 +102,15 @@ class Catalogue:
     """Commands and public signals of a ship, by path: what a scenario can say about it.
 
     It exists for a ship with mistakes in it, too, so that the mistakes of a scenario are found in the same go;
-    `unreadable` are then the items and buses whose kind is not known.
+    `unreadable` are then the items and buses whose kind is not known. `modes` are the operating modes, each with its
+    commands as a scenario file would say them.
     """
 
     commands: Mapping[str, Command]
     signals: Mapping[str, Published]
     breakers: tuple[str, ...]
     unreadable: frozenset[str] = frozenset()
+    modes: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -178,8 +181,8 @@ class Ship:
         network = Network(self.name)
         self.build(network)
         signals = {n: Published(n, s.unit, s.description, s.group) for n, s in network.published.items()}
-        breakers = _breakers({name: kind_of(item) for name, item in self.equipment.items()})
-        return Catalogue(self.commands, signals, breakers)
+        kinds = {name: kind_of(item) for name, item in self.equipment.items()}
+        return Catalogue(self.commands, signals, _breakers(kinds), modes=_modes(kinds))
 
     @cached_property
     def commands(self) -> Mapping[str, Command]:
@@ -407,7 +410,7 @@ class _ShipReader:
         named = {**self.kinds, **({"hull": EQUIPMENT["hull"]} if "hull" in self.document.root else {})}
         signals |= {f"{name}.{s.name}": s for name, kind in named.items() for s in kind.signals}
         unreadable = frozenset(self.places) - set(self.kinds) - set(self.bus_kinds)
-        return Catalogue(_commands(self.kinds), signals, _breakers(self.kinds), unreadable)
+        return Catalogue(_commands(self.kinds), signals, _breakers(self.kinds), unreadable, _modes(self.kinds))
 
     def head(self, root: Section) -> None:
         check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull"))
@@ -651,6 +654,11 @@ def _commands(kinds: Mapping[str, EquipmentType]) -> dict[str, Command]:
 
 def _breakers(kinds: Mapping[str, EquipmentType]) -> tuple[str, ...]:
     return tuple(name for name, kind in kinds.items() if any(command.name == "close" for command in kind.commands))
+
+
+def _modes(kinds: Mapping[str, EquipmentType]) -> dict[str, dict[str, str]]:
+    words = {name: kind.kind for name, kind in kinds.items()}
+    return {mode: mode_commands(mode, _commands(kinds), words) for mode in MODES}
 
 
 def _with_defaults(

@@ -26,6 +26,7 @@ from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
+from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.errors import ParameterError, SolverError
 from shipgrid.model.network import Network
 from shipgrid.scenarios.output_folder import prepare
@@ -253,7 +254,7 @@ def _record(
     with ResultsWriter(folder, columns, plan.record_period, about) as writer:
         _first_rows(run, writer)
         startup_s = time.perf_counter() - began
-        go(run, scenario.events, end, writer, progress, partial(command_text, ship))
+        go(run, scenario.events, end, writer, progress, partial(command_text, ship), interlocks=Interlocks(ship, plan))
         writer.events(run.events)
         limiters = limiter_rows(run)
         writer.limiters(limiters)
@@ -291,6 +292,7 @@ def go(
     progress: Progress | None = None,
     said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
     places: Mapping[str, int] | None = None,
+    interlocks: Interlocks | None = None,
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -310,9 +312,12 @@ def go(
         Text of the event of a command, from its path and value.
     places : mapping of str to int, optional
         Where in the flat vector what a path of the time-line names lies; commands if left out.
+    interlocks : Interlocks, optional
+        What may hold back a command; every command is obeyed if left out.
     """
     plan, work = run.plan, run.work
     places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
+    look = max(1, round(PERIOD / plan.h))
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
     pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
@@ -321,11 +326,14 @@ def go(
     began = time.perf_counter()
     with _Interrupt() as interrupt:
         while work.n < last and not interrupt.asked:
+            now_due: dict[str, float] = {}
             while pending and pending[0][0] <= work.n:
                 _, path, value = pending.pop(0)
-                work.sig[places[path]] = value
-                run.events.append((run.t, path, said(path, value)))
+                now_due[path] = value
+            _command(run, interlocks, now_due, places, said)
             stop = min(last, work.n + chunk, pending[0][0] if pending else last)
+            if interlocks is not None and interlocks.held:
+                stop = min(stop, (work.n // look + 1) * look)  # whole multiples: the same in every run
             now = time.perf_counter()
             done = entry(stop - work.n, work.n, *values)
             took = time.perf_counter() - now
@@ -347,6 +355,29 @@ def go(
             run.events.append((run.t, plan.network.name, "interrupted"))
     _last_rows(run, writer)
     run.wall_s += time.perf_counter() - began
+
+
+def _command(
+    run: Run,
+    interlocks: Interlocks | None,
+    commands: Mapping[str, float],
+    places: Mapping[str, int],
+    said: Callable[[str, float], str],
+) -> None:
+    """Give the commands of this instant, look again at what is held back, and log what became of each."""
+    sig = run.work.sig
+    if interlocks is None:
+        for path, value in commands.items():
+            sig[places[path]] = value
+            run.events.append((run.t, path, said(path, value)))
+        return
+    for again, verdicts in (
+        (False, interlocks.give(sig, commands) if commands else []),
+        (True, interlocks.again(sig) if interlocks.held else []),
+    ):
+        for path, value, reason in verdicts:
+            text = said(path, value) + (", as it had been asked to" if again else "")
+            run.events.append((run.t, path, f"refused: {reason} ({said(path, value)})" if reason else text))
 
 
 class _Interrupt:

@@ -1,0 +1,165 @@
+"""Interlocks: a command that would make the plant unsafe is held back, with its reason, until it is safe.
+
+Two rules, for every group of DC buses that ties join:
+
+1. at most one source forms the voltage: batteries in the mode `voltage`, and rectifiers in theirs. Ties count as closed
+   if they are or shall be;
+2. a group under load keeps a source that holds its voltage, by droop or by forming it: one that runs already, not one
+   that is still starting. Ties count as closed if they are and shall stay so.
+
+A command is refused if it adds a violation to what there is; what the plant does by itself is not judged here. Commands
+of one instant are judged together first, so that two sources can change places, and then one by one. A refused command
+stands: it is looked at again every `PERIOD`, until it can be obeyed or another one takes its place.
+
+What depends on measured voltages is judged where they are measured, every few milliseconds, by the ties' own control: a
+DC tie closes below 10 V across, an AC tie in synchronism (`equipment/breakers.py`, `automation/ac_tie.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from shipgrid.equipment import bess, rectifier
+
+PERIOD = 0.1
+"""Time [s] after which a command that was held back is looked at again: a switchboard's relay logic takes as long."""
+SMALL_LOAD = 1e3
+"""Power [W] below which a bus counts as unloaded: its bleeder, and drives that stand still."""
+DROOP, VOLTAGE = 1.0, 2.0
+FORMING = 1.0
+
+
+class Verdict(NamedTuple):
+    """What became of one command: obeyed if `reason` is empty."""
+
+    path: str
+    value: float
+    reason: str
+
+
+class Interlocks:
+    """Gate between those who command and the plant.
+
+    Parameters
+    ----------
+    ship : Ship
+    plan : Plan
+        Of that ship: where its signals are.
+    """
+
+    def __init__(self, ship: Any, plan: Any):
+        self.ship, self.index = ship, plan.layout.index
+        self.powers = {
+            name: self.index[plan.network.published[f"{name}.p_dc"].source]
+            for kind in ("propulsion", "inverter")
+            for name in ship.items(kind)
+        }
+        self.held: dict[str, float] = {}
+        self.said: dict[str, str] = {}
+
+    def give(self, sig: Any, commands: Mapping[str, float]) -> list[Verdict]:
+        """Give commands of one instant; those that are safe take effect.
+
+        Parameters
+        ----------
+        sig : ndarray
+            The plant's signals; commands in it are changed.
+        commands : mapping of str to float
+            Values by path.
+
+        Returns
+        -------
+        list of Verdict
+            One for each command.
+        """
+        for path in commands:
+            self.held.pop(path, None)
+            self.said.pop(path, None)
+        return self._judge(sig, dict(commands))
+
+    def again(self, sig: Any) -> list[Verdict]:
+        """Look again at what is held back; verdicts that are new."""
+        known = dict(self.said)
+        verdicts = self._judge(sig, dict(self.held))
+        return [v for v in verdicts if v.reason != known.get(v.path)]
+
+    def _judge(self, sig: Any, asked: dict[str, float]) -> list[Verdict]:
+        present = {path: float(sig[self.index[f"command:{path}"]]) for path in self.ship.commands}
+        reasons: dict[str, str] = {}
+        together = self.refusal(sig, present, asked)
+        waiting = dict(asked) if together else {}
+        present |= {} if together else asked
+        moved = True
+        while waiting and moved:
+            moved = False
+            for path, value in list(waiting.items()):
+                reasons[path] = self.refusal(sig, present, {path: value})
+                if not reasons[path]:
+                    present[path] = waiting.pop(path)
+                    moved = True
+        for path, value in asked.items():
+            if path in waiting:
+                self.held[path], self.said[path] = value, reasons[path]
+            else:
+                sig[self.index[f"command:{path}"]] = value
+                self.held.pop(path, None)
+                self.said.pop(path, None)
+        return [Verdict(path, value, reasons[path] if path in waiting else "") for path, value in asked.items()]
+
+    def refusal(self, sig: Any, present: Mapping[str, float], asked: Mapping[str, float]) -> str:
+        """Why commands may not be given now, empty if they may."""
+        before, after = self.violations(sig, present), self.violations(sig, {**present, **asked})
+        return "; ".join(dict.fromkeys(text for key, text in after.items() if key not in before))
+
+    def violations(self, sig: Any, commands: Mapping[str, float]) -> dict[tuple[str, str], str]:
+        """What is unsafe in the plant as it is with these commands: texts by rule and bus."""
+        found = {}
+        for group in self._groups(sig, commands, wide=True):
+            formers = [name for name in self._sources(group) if self._forms(sig, commands, name)]
+            if len(formers) > 1:
+                text = f"{' and '.join(formers)} would both form the voltage of {' and '.join(group)}"
+                found |= {("formers", bus): text for bus in group}
+        for group in self._groups(sig, commands, wide=False):
+            load = self._load(sig, group)
+            if load > SMALL_LOAD and not any(self._holds(sig, commands, name) for name in self._sources(group)):
+                text = f"no running source would hold {' and '.join(group)} under {load / 1e3:.3g} kW"
+                found |= {("held", bus): text for bus in group}
+        return found
+
+    def _now(self, sig: Any, path: str) -> float:
+        return float(sig[self.index[path]])
+
+    def _groups(self, sig: Any, commands: Mapping[str, float], *, wide: bool) -> list[list[str]]:
+        """DC buses that ties join; `wide`: by those that are or shall be closed, else by those that are and shall."""
+        feeders = [name for kind in ("bess", "rectifier") for name in self.ship.items(kind)]
+        group = {self.ship.item(name).bus: {self.ship.item(name).bus} for name in feeders}
+        for name, tie in self.ship.items("dc_breaker").items():
+            closed = self._now(sig, f"{name}.sequence.closed") > 0.5, commands[f"{name}.close"] > 0.5
+            if any(closed) if wide else all(closed):
+                joined = group.get(tie.from_, {tie.from_}) | group.get(tie.to, {tie.to})
+                group |= dict.fromkeys(joined, joined)
+        return [list(buses) for buses in dict.fromkeys(tuple(sorted(buses)) for buses in group.values())]
+
+    def _sources(self, group: list[str]) -> list[str]:
+        return [
+            name for kind in ("bess", "rectifier") for name, item in self.ship.items(kind).items() if item.bus in group
+        ]
+
+    def _forms(self, sig: Any, commands: Mapping[str, float], name: str) -> bool:
+        if name in self.ship.items("bess"):
+            on = commands[f"{name}.on"] > 0.5 or self._now(sig, f"{name}.sequence.state") >= bess.RAMP_IN
+            return on and commands[f"{name}.mode"] == VOLTAGE
+        on = commands[f"{self.ship.item(name).source}.on"] > 0.5 or self._now(sig, f"{name}.sequence.connected") > 0.5
+        return on and commands[f"{name}.mode"] == FORMING
+
+    def _holds(self, sig: Any, commands: Mapping[str, float], name: str) -> bool:
+        state = self._now(sig, f"{name}.sequence.state")
+        if name in self.ship.items("bess"):
+            running = commands[f"{name}.on"] > 0.5 and bess.RAMP_IN <= state <= bess.ON
+            return running and commands[f"{name}.mode"] in (DROOP, VOLTAGE)
+        return commands[f"{self.ship.item(name).source}.on"] > 0.5 and state == rectifier.CONNECTED
+
+    def _load(self, sig: Any, group: list[str]) -> float:
+        """What drives and inverters take from a group of buses [W]."""
+        return sum(max(0.0, float(sig[k])) for name, k in self.powers.items() if self.ship.item(name).bus in group)
