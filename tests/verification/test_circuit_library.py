@@ -300,12 +300,9 @@ def test_a_three_pole_breaker_clears_one_pole_then_the_other_two():
     # from then on one loop: the line voltage on twice the impedance
     begun, (k, m) = zeros[first], others
     currents = run.phases("breaker.i")
-    i_0 = (
-        float(currents.sel(phase=k, time=begun, method="nearest"))
-        if False
-        else abs(E / abs(z)) * math.cos(omega * begun + np.angle(1.0 / z) - 2.0 * math.pi * "abc".index(k) / 3.0)
-    )
-    v_line = E * (np.exp(-2j * math.pi * "abc".index(k) / 3.0) - np.exp(-2j * math.pi * "abc".index(m) / 3.0))
+    place = {name: 2.0 * math.pi * "abc".index(name) / 3.0 for name in "abc"}
+    i_0 = E / abs(z) * math.cos(omega * begun + np.angle(1.0 / z) - place[k])
+    v_line = E * (np.exp(-1j * place[k]) - np.exp(-1j * place[m]))
     forced = v_line / (2.0 * z)
 
     def current(at):
