@@ -317,7 +317,8 @@ def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
     if sampled:
         name = imported(kernels["update"], f"{key}_update")
         inner += _copy(key, "a", "x") if t.nx else []
-        inner.append(f"{name}({_pass(kernels['update'], key, dt=period, x_next=f'{key}_a[i]')})")
+        instant = "t - (1.0 - f) * h"
+        inner.append(f"{name}({_pass(kernels['update'], key, t=instant, dt=period, x_next=f'{key}_a[i]')})")
         inner += _copy(key, "x", "a") if t.nx else []
     if "derivatives" in kernels:
         name = imported(kernels["derivatives"], f"{key}_derivatives")
