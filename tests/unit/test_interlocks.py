@@ -48,6 +48,7 @@ class Plant:
         self.put(f"command:rectifier_{side}.mode", mode)
         self.put(f"rectifier_{side}.sequence.state", rectifier.CONNECTED if connected else rectifier.OFF)
         self.put(f"rectifier_{side}.sequence.connected", connected)
+        self.put(f"rectifier_{side}.sequence.limit", 1.2 * connected)
 
     def tie(self, closed, commanded=None):
         self.put("dc_tie.sequence.closed", closed)
@@ -137,6 +138,15 @@ def test_a_command_held_back_is_obeyed_when_it_is_safe(plant):
     assert (path, value, reason) == ("bess_aft.on", 0.0, "")
     assert plant.command("bess_aft.on") == 0.0
     assert plant.interlocks.held == {}
+
+
+def test_a_rectifier_holds_the_bus_when_it_may_carry_its_load(plant):
+    plant.battery("for", on=False)
+    plant.genset("for")
+    plant.put("rectifier_for.sequence.limit", 0.05)  # 30 kW, on its ramp
+    assert plant.ask(bess_aft__on=False) != {}
+    plant.put("rectifier_for.sequence.limit", 0.11)
+    assert [v.reason for v in plant.interlocks.again(plant.sig)] == [""]
 
 
 def test_another_command_takes_the_place_of_the_one_held_back(plant):

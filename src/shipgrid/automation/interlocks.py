@@ -5,7 +5,8 @@ Two rules, for every group of DC buses that ties join:
 1. at most one source forms the voltage: batteries in the mode `voltage`, and rectifiers in theirs. Ties count as closed
    if they are or shall be;
 2. a group under load keeps a source that holds its voltage, by droop or by forming it: one that runs already, not one
-   that is still starting. Ties count as closed if they are and shall stay so.
+   that is still starting or, for a rectifier, still opening its bound along its ramp to what the group takes. Ties
+   count as closed if they are and shall stay so.
 
 A command is refused if it adds a violation to what there is; what the plant does by itself is not judged here. Commands
 of one instant are judged together first, so that two sources can change places, and then one by one. A refused command
@@ -122,7 +123,7 @@ class Interlocks:
                 found |= {("formers", bus): text for bus in group}
         for group in self._groups(sig, commands, wide=False):
             load = self._load(sig, group)
-            if load > SMALL_LOAD and not any(self._holds(sig, commands, name) for name in self._sources(group)):
+            if load > SMALL_LOAD and not any(self._holds(sig, commands, name, load) for name in self._sources(group)):
                 text = f"no running source would hold {' and '.join(group)} under {load / 1e3:.3g} kW"
                 found |= {("held", bus): text for bus in group}
         return found
@@ -153,12 +154,14 @@ class Interlocks:
         on = commands[f"{self.ship.item(name).source}.on"] > 0.5 or self._now(sig, f"{name}.sequence.connected") > 0.5
         return on and commands[f"{name}.mode"] == FORMING
 
-    def _holds(self, sig: Any, commands: Mapping[str, float], name: str) -> bool:
+    def _holds(self, sig: Any, commands: Mapping[str, float], name: str, load: float) -> bool:
         state = self._now(sig, f"{name}.sequence.state")
         if name in self.ship.items("bess"):
             running = commands[f"{name}.on"] > 0.5 and bess.RAMP_IN <= state <= bess.ON
             return running and commands[f"{name}.mode"] in (DROOP, VOLTAGE)
-        return commands[f"{self.ship.item(name).source}.on"] > 0.5 and state == rectifier.CONNECTED
+        item = self.ship.item(name)
+        able = self._now(sig, f"{name}.sequence.limit") * item.rating >= load
+        return commands[f"{item.source}.on"] > 0.5 and state == rectifier.CONNECTED and able
 
     def _load(self, sig: Any, group: list[str]) -> float:
         """What drives and inverters take from a group of buses [W]."""
