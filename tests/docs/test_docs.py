@@ -116,11 +116,25 @@ def test_the_changelog_has_an_unreleased_section():
     assert "## Unreleased" in (ROOT / "CHANGELOG.md").read_text()
 
 
+def readme_examples() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+
+
+def test_the_circuit_example_of_the_readme_runs():
+    _, code = readme_examples()
+    names = {}
+    exec(compile(code, "README.md", "exec"), names)
+    # closed at 1 ms on a capacitor behind 0.5 ohm and 1 mH: up to 100 V (1 + exp(-pi alpha/omega)) at half a period
+    far = names["run"]["far.v_dc"]
+    assert float(far.max()) == pytest.approx(178.0, rel=0.03)
+    assert float(far[-1]) == pytest.approx(100.0, abs=2.0)
+
+
 def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     """As it stands there, but for the length of the run: two seconds of the hour."""
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    code, _ = readme_examples()
     whole = shipgrid.simulate
     monkeypatch.setattr(shipgrid, "simulate", lambda *args, **options: whole(*args, **options, until=2.0))
     monkeypatch.chdir(tmp_path)

@@ -268,3 +268,39 @@ def test_both_ways_have_the_same_requirements_at_their_cruising_speed(mission):
     assert [(r.low, r.high) for r in steady] == [(0.46, 0.56)] * 2
     there, back = (r for r in mission.requirements if r.signal == "propulsion_for.omega_m" and abs(r.low) > 25.0)
     assert (there.low, there.high) == (-back.high, -back.low)
+
+
+def with_mode(entry):
+    return changed("  - {at: 30 s, set: {bess_for.mode: current}}", f"  - {entry}")
+
+
+def given_at_30(text, ship):
+    return {e.path: e.value for e in reading(text, ship).checked().events if e.at == 30.0}
+
+
+def test_a_mode_is_its_set_of_commands(ship):
+    gensets, batteries = ("genset_for", "genset_aft"), ("bess_for", "bess_aft")
+    rectifiers = {"rectifier_for.mode": 0.0, "rectifier_aft.mode": 0.0}
+    droop = {f"{b}.on": 1.0 for b in batteries} | {f"{b}.mode": 1.0 for b in batteries}
+    electric = given_at_30(with_mode("{at: 30 s, mode: full-electric}"), ship)
+    assert electric == droop | {f"{g}.on": 0.0 for g in gensets} | {f"{b}.i_ref": 0.0 for b in batteries}
+    assert given_at_30(with_mode("{at: 30 s, mode: hybrid}"), ship) == droop | rectifiers | {"genset_for.on": 1.0}
+    diesel = given_at_30(with_mode("{at: 30 s, mode: diesel}"), ship)
+    assert diesel == rectifiers | {f"{g}.on": 1.0 for g in gensets} | {f"{b}.on": 0.0 for b in batteries}
+
+
+def test_commands_beside_a_mode_go_before_its_own(ship):
+    entry = "{at: 30 s, mode: hybrid, set: {genset_aft.on: true, genset_for.on: false, bess_for.i_ref: -128 A}}"
+    given = given_at_30(with_mode(entry), ship)
+    assert (given["genset_for.on"], given["genset_aft.on"], given["bess_for.i_ref"]) == (0.0, 1.0, -128.0)
+    assert given["bess_aft.on"] == 1.0
+
+
+def test_an_unknown_mode_is_named_with_those_there_are(ship):
+    text = with_mode("{at: 30 s, mode: hybird}")
+    with pytest.raises(InputErrors) as wrong:
+        reading(text, ship).checked()
+    line = line_of(text, "hybird")
+    assert str(wrong.value) == (
+        f"my.yaml:{line}: timeline.0.mode: no mode 'hybird' (nearest: 'hybrid'), expected full-electric, hybrid, diesel"
+    )

@@ -17,11 +17,11 @@ from scipy.signal import tf2ss
 
 from shipgrid.components.electrical import lcl_filter
 from shipgrid.components.electrical.lcl_filter import LclFilter
-from shipgrid.controllers import dc_voltage, rectifier_control
+from shipgrid.controllers import dc_voltage, reactive_power, rectifier_control
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment import rectifier
-from shipgrid.equipment.rectifier import L_1_PAPER, L_1_PRESETS, RectifierSequence
+from shipgrid.equipment.rectifier import L_1_PAPER, L_1_PRESETS, Rectifier, RectifierSequence
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
 
 loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
@@ -292,7 +292,56 @@ def test_dc_loop_has_the_published_poles(load, expected):
         assert np.abs(poles - pole).min() < 0.6  # printed to three or four digits
 
 
+def reading_a(**changes):
+    """Outer loops' parameters of a rectifier in reading A."""
+    return Rectifier(source="genset", bus="dc", dc_pi="voltage", **changes).outer_loops()
+
+
+@pytest.mark.parametrize(("load", "expected"), [(0.0, (-253.0, -19.8, -2.89)), (1.0, (89.7,))])
+def test_reading_a_of_the_dc_loop_has_the_published_poles(load, expected):
+    p, _ = parameter_record(RectifierControl(**reading_a()), "c16")
+    inertia = 10e-3 * 750.0**2 / 596e3  # s
+
+    def rate(v, i, x_i):
+        x, x_next = (make_record(dc_voltage.DcVoltageState, {"pi.i": 0.5 + x_i}, "c16") for _ in range(2))
+        i_d_ref = dc_voltage.dc_voltage(1.025 + 0j, 1.0 + v, 0.5 + i, 0j, 1.0 + 0j, 9.0 + 0j, p, 1.0, x, x_next)
+        capacitor = (0.5 + i - 0.5 - load / (1.0 + v) + load) / inertia
+        return np.array([capacitor, (i_d_ref - 0.5 - i) / 3.66e-3, x_next.pi.i - x.pi.i]).imag / 1e-40
+
+    poles = np.linalg.eigvals(np.column_stack([rate(*column) for column in 1e-40j * np.eye(3)]))
+    for pole in expected:
+        assert np.abs(poles - pole).min() < 1.0  # printed to three digits
+
+
+def test_both_readings_have_the_same_statics():
+    # at rest the error of the PI is zero: v* - K_v i - v = 0 in A, (v* - v)/K_v - i = 0 in B
+    for control in (RectifierControl(), RectifierControl(**reading_a())):
+        p, _ = parameter_record(control)
+        x, x_next = make_record(dc_voltage.DcVoltageState), make_record(dc_voltage.DcVoltageState)
+        dc_voltage.dc_voltage(1.0, 742.5 / 750.0, 0.2, 0.0, 1.0, 0.65, p, T_S, x, x_next)
+        assert x_next.pi.i == pytest.approx(0.0, abs=1e-12)
+
+
+def test_literal_reading_of_the_ac_droop_asks_for_droop_times_the_error():
+    item = Rectifier(source="genset", bus="dc", q_ref="times_droop")
+    p, _ = parameter_record(RectifierControl(**item.outer_loops()))
+    x, x_next = make_record(reactive_power.ReactivePowerState), make_record(reactive_power.ReactivePowerState)
+    reactive_power.reactive_power(0.9, 0.05 * 0.1, 1.0, -1.0, 1.0, p, T_S, x, x_next)
+    assert x_next.i == pytest.approx(0.0, abs=1e-12)  # delivering K_e (E* - E) it is at rest
+
+
 # sampled, with the plant
+
+
+@pytest.mark.parametrize(("p_pu", "stable"), [(0.2, True), (0.4, False)])
+def test_reading_a_alone_fails_at_a_constant_power_load_that_reading_b_carries(p_pu, stable):
+    bench = Bench(source=GENSET, control=RectifierControl(**reading_a())).started()
+    v = bench.loaded(p_pu * 596e3)["v_dc"]
+    if stable:
+        assert bench.poles().real.max() < 0.0
+        assert v[-1] == pytest.approx(750.0 * (1.0 - 0.05 * p_pu), abs=2.0)
+    else:
+        assert not np.ptp(v[-round(0.2 / T_S) :]) < 5.0  # no number at all is no rest either
 
 
 @pytest.mark.parametrize(("p_pu", "zeta"), [(0.2, 0.33), (0.5, 0.12), (0.55, 0.04)])

@@ -4,8 +4,10 @@ Two rules, for every group of DC buses that ties join:
 
 1. at most one source forms the voltage: batteries in the mode `voltage`, and rectifiers in theirs. Ties count as closed
    if they are or shall be;
-2. a group under load keeps a source that holds its voltage, by droop or by forming it: one that runs already, not one
-   that is still starting. Ties count as closed if they are and shall stay so.
+2. a group under load keeps a source that holds its voltage, by droop or by forming it, and sources that together carry
+   the load: a battery in droop what it gives at `SAG` of the voltage, in the mode `current` its set point, a rectifier
+   what its bound has been opened to. Only sources that run already count. Ties count as closed if they are and shall
+   stay so.
 
 A command is refused if it adds a violation to what there is; what the plant does by itself is not judged here. Commands
 of one instant are judged together first, so that two sources can change places, and then one by one. A refused command
@@ -26,6 +28,8 @@ PERIOD = 0.1
 """Time [s] after which a command that was held back is looked at again: a switchboard's relay logic takes as long."""
 SMALL_LOAD = 1e3
 """Power [W] below which a bus counts as unloaded: its bleeder, and drives that stand still."""
+SAG = 0.05
+"""Fall of a bus' voltage at which a battery's droop is counted: the full droop, where its unloading is given up too."""
 DROOP, VOLTAGE = 1.0, 2.0
 FORMING = 1.0
 
@@ -122,8 +126,12 @@ class Interlocks:
                 found |= {("formers", bus): text for bus in group}
         for group in self._groups(sig, commands, wide=False):
             load = self._load(sig, group)
-            if load > SMALL_LOAD and not any(self._holds(sig, commands, name) for name in self._sources(group)):
-                text = f"no running source would hold {' and '.join(group)} under {load / 1e3:.3g} kW"
+            sources = [self._supply(sig, commands, name) for name in self._sources(group)]
+            if load > SMALL_LOAD and not any(holds for holds, _ in sources):
+                text = f"no running source would hold {' and '.join(group)} under load"
+                found |= {("held", bus): text for bus in group}
+            elif load > SMALL_LOAD and sum(power for _, power in sources) < load:
+                text = f"the running sources would not carry the load of {' and '.join(group)}"
                 found |= {("held", bus): text for bus in group}
         return found
 
@@ -153,12 +161,18 @@ class Interlocks:
         on = commands[f"{self.ship.item(name).source}.on"] > 0.5 or self._now(sig, f"{name}.sequence.connected") > 0.5
         return on and commands[f"{name}.mode"] == FORMING
 
-    def _holds(self, sig: Any, commands: Mapping[str, float], name: str) -> bool:
-        state = self._now(sig, f"{name}.sequence.state")
-        if name in self.ship.items("bess"):
-            running = commands[f"{name}.on"] > 0.5 and bess.RAMP_IN <= state <= bess.ON
-            return running and commands[f"{name}.mode"] in (DROOP, VOLTAGE)
-        return commands[f"{self.ship.item(name).source}.on"] > 0.5 and state == rectifier.CONNECTED
+    def _supply(self, sig: Any, commands: Mapping[str, float], name: str) -> tuple[bool, float]:
+        """Whether a source holds its bus, and the power it can feed into it [W]."""
+        item, state = self.ship.item(name), self._now(sig, f"{name}.sequence.state")
+        if name not in self.ship.items("bess"):
+            connected = commands[f"{item.source}.on"] > 0.5 and state == rectifier.CONNECTED
+            return connected, item.rating * self._now(sig, f"{name}.sequence.limit") if connected else 0.0
+        if commands[f"{name}.on"] < 0.5 or not bess.RAMP_IN <= state <= bess.ON:
+            return False, 0.0
+        mode, most = commands[f"{name}.mode"], item.i_limit * item.i_n
+        i = commands[f"{name}.i_ref"] + (SAG * item.k_dr * item.i_n if mode == DROOP else 0.0)
+        i = most if mode == VOLTAGE else min(max(i, -most), most)
+        return mode in (DROOP, VOLTAGE), i * (self._now(sig, f"{name}.converter.v_c") - item.R * i)
 
     def _load(self, sig: Any, group: list[str]) -> float:
         """What drives and inverters take from a group of buses [W]."""

@@ -18,7 +18,7 @@ branch changes when the current has come to zero and the voltage is more than `v
 
 Every change of mode is bumpless: i_set, or the integrator of (4), is set so that i_star stays where it is, and i_set
 then moves to its command, until it arrives at the faster rate of a hand-over. Started (`enable`), v_ref begins at the
-measured voltage and i_star at zero. Unloading is droop with i_set moved, at that faster rate, to where i_star is zero:
+measured voltage and i_star at zero. Unloading is droop with i_set moved, at the slower rate, to where i_star is zero:
 the battery keeps holding the bus while others take its load over, or the voltage shows that nobody does.
 
 The current is limited to i_max, and fades to zero over `soc_fade` as the charge comes to soc_min (discharging) or
@@ -162,7 +162,7 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
             x_next.i_set = x.i_star - droop
             x_next.handing = 0.0 if x.mode.real == OFF else 1.0
         target = -droop if u.unload.real > 0.5 else u.i_ref
-        rate = p.i_rate_mode if x_next.handing.real > 0.5 or u.unload.real > 0.5 else p.i_rate
+        rate = p.i_rate_mode if x_next.handing.real > 0.5 and u.unload.real < 0.5 else p.i_rate
         x_next.i_set = ramp(target, x_next.i_set, rate, dt)
         if absolute(target - x_next.i_set).real <= SETTLED_A:
             x_next.handing = 0.0
@@ -209,7 +209,7 @@ class BatteryControl(Derived):
     )
     i_rate: AmperePerSecond = param("rate of the current set point", default=50.0, above=0.0, source="typical")
     i_rate_mode: AmperePerSecond = param(
-        "rate of the current set point after a change of mode, and when unloading",
+        "rate of the current set point after a change of mode",
         default=250.0,
         above=0.0,
         source="the whole of i_limit within 0.8 s: a hand-over shall settle within a second",
