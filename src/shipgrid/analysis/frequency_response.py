@@ -118,7 +118,9 @@ def impedance(model: LinearModel, bus: str, frequency: Sequence[float] | np.ndar
     return FrequencyResponse(f, value[:, 0, 0] if isinstance(found, DcBus) else value, f"impedance of {bus}, ohm")
 
 
-def loop_gain(model: LinearModel, at: str | Sequence[str], frequency: Sequence[float] | np.ndarray) -> FrequencyResponse:
+def loop_gain(
+    model: LinearModel, at: str | Sequence[str], frequency: Sequence[float] | np.ndarray
+) -> FrequencyResponse:
     """Loop gain at an input of a component, positive where the loop opposes what disturbs it.
 
     Parameters

@@ -107,7 +107,9 @@ def _clock(equations: Equations, rate: float | None) -> int:
     if rate is None:
         if len(there) != 1:
             rates = ", ".join(f"{1.0 / period:g}" for period in there) or "none"
-            raise ParameterError(f"sampled control at one rate is asked for, there are modulators at {rates} Hz: give `rate`")
+            raise ParameterError(
+                f"sampled control at one rate is asked for, there are modulators at {rates} Hz: give `rate`"
+            )
         rate = 1.0 / there[0]
     clocks = {kernels.clock for kernels in equations.kernels if kernels.sampled}
     found = [c for c in clocks if abs(periods[c] * rate - 1.0) < 1e-6]
@@ -207,7 +209,9 @@ class _Period:
     def _start(self) -> np.ndarray:
         """The mean point, what is held turned back to when it was computed."""
         sig = self.point.sig.copy()
-        speed = {pair: w for island, w in zip(self.equations.islands, self.point.omega, strict=True) for pair in island.pairs}
+        speed = {
+            pair: w for island, w in zip(self.equations.islands, self.point.omega, strict=True) for pair in island.pairs
+        }
         held = set(self.held)
         from_source = {target: source for source, target in self.links}
         for (a, b), w in speed.items():
