@@ -398,6 +398,18 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
     return assemble(net, 30e-6)
 
 
+def near_nominal(units=1):
+    """Where the search for an inverter's operating point starts: at nominal voltage, lightly loaded."""
+    found = {"ac.v_alpha": 326.0}
+    for k in range(units):
+        unit = f"inverter_{k}"
+        found |= {f"{unit}.lcl.alpha.v_c": 326.0, f"{unit}.lcl.alpha.i_1": 15.0, f"{unit}.lcl.alpha.i_2": 15.0}
+        found |= {f"{unit}.control.v_c_forward.d": 1.0, f"{unit}.control.i_g_slow.d": 0.15}
+        found |= {f"{unit}.control.voltage.d": 0.05, f"{unit}.control.current.d": 0.5}
+        found |= {f"{unit}.control.power": -0.15, f"{unit}.control.lead": -0.15, f"{unit}.modulator.s_alpha": 0.43}
+    return found
+
+
 def series(p, power_factor=0.9):
     return (Load(p_0=p, power_factor=power_factor),), 0.0
 

@@ -134,7 +134,8 @@ def test_outer_loop_of_the_inverter_has_the_published_eigenvalues(X, T_1, expect
 def test_isolated_inverter_has_the_eigenvalues_of_the_table(preset, load, rightmost):
     """The table has -6.6+333j and -5.8+327j for R || L: 0.5 and 0.7 % of the magnitude from these."""
     plan = rig.grid_forming(preset, *load)
-    point = steady_state(plan, start={})
+    point = steady_state(plan, start=rig.near_nominal())
+    assert 0.1 < point["inverter_0.control.p"] < 0.2
     sampled = linearise(plan, point, method="sampled").modes()
     assert sampled[0].eigenvalue == pytest.approx(rightmost, abs=0.15)  # the last digits
     continuous = linearise(plan, point).modes()
@@ -146,7 +147,7 @@ def test_isolated_inverter_has_the_eigenvalues_of_the_table(preset, load, rightm
 )
 def test_two_inverters_in_parallel_have_the_eigenvalue_of_the_table(preset, power, expected):
     plan = rig.grid_forming(preset, *rig.series(2.0 * power), units=2)
-    point = steady_state(plan, start={})
+    point = steady_state(plan, start=rig.near_nominal(2))
     assert point["inverter_0.control.p"] == pytest.approx(point["inverter_1.control.p"], rel=1e-6)
     modes = linearise(plan, point, method="sampled").modes()
     assert abs(modes[0].eigenvalue - expected) < 0.55  # printed without decimals
@@ -156,7 +157,7 @@ def test_two_inverters_in_parallel_have_the_eigenvalue_of_the_table(preset, powe
 def test_without_transformer_reactance_parallel_inverters_lose_damping_as_the_design_says():
     """With the lead-lag off the pair is unstable: the table's note says +2.3 1/s."""
     plan = rig.grid_forming("default", *rig.series(20e3), units=2, T_1=0.011)
-    modes = linearise(plan, steady_state(plan, start={}), method="sampled").modes()
+    modes = linearise(plan, steady_state(plan, start=rig.near_nominal(2)), method="sampled").modes()
     assert not modes.stable
 
 

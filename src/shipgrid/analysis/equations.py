@@ -22,6 +22,7 @@ open contact or an active limiter holds, and codes of sequences (whatever depend
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -273,6 +274,9 @@ class Equations:
             if not t.kind.linear and "modulate" not in t.kind.kernels
             for k in range(len(t.placed))
         ]
+        self.owner = np.full(self.size, -1)  # which of these kernels a state or output is of
+        for number, kernels in enumerate(self.kernels):
+            self.owner[kernels.x] = self.owner[kernels.y] = number
         self.sampled_modulators = self._modulators()
         self._elements(sig)
         self.islands = find_islands(plan, self.alias, self.opened)
@@ -369,6 +373,7 @@ class Equations:
                 if seconds > 0.0:
                     add(place, late, seconds, order_line, self.names[place])
         self.alias = np.concatenate([self.alias, np.arange(len(self.alias), self.size)])
+        self.owner = np.concatenate([self.owner, np.full(self.size - len(self.owner), -1)])
         self.inner = self.alias.copy()  # what a kernel sees: behind the dead times
         for place, late in self.late.items():
             self.inner[place] = late if any(d.target == late for d in self.dead_times) else self.alias[place]
@@ -393,11 +398,19 @@ class Equations:
 
     # values and derivatives
 
-    def at(self, sig: np.ndarray) -> Point:
-        """Everything that the equations say at a point."""
+    def at(self, sig: np.ndarray, stirred: Iterable[int] = ()) -> Point:
+        """Everything that the equations say at a point.
+
+        Parameters
+        ----------
+        sig : ndarray
+            All signals.
+        stirred : iterable of int
+            Places of commands or inputs that are going to be disturbed: what depends on them is no constant.
+        """
         with np.errstate(all="ignore"):
             blocks = [kernels.block(sig, self.inner) for kernels in self.kernels]
-        return Point(self, sig, blocks)
+        return Point(self, sig, blocks, stirred)
 
     def arrived(self, point: Point) -> np.ndarray:
         """The signals with every ramp where it arrives; what never does is a timer, and stays."""
@@ -444,8 +457,8 @@ class Point:
         Rows (and unknowns) that there are; the others stand still.
     """
 
-    def __init__(self, equations: Equations, sig: np.ndarray, blocks: list[Block]):
-        self.equations, self.sig, self.blocks = equations, sig, blocks
+    def __init__(self, equations: Equations, sig: np.ndarray, blocks: list[Block], stirred: Iterable[int] = ()):
+        self.equations, self.sig, self.blocks, self.stirred = equations, sig, blocks, list(stirred)
         size = equations.size
         self.residual = np.zeros(size)
         self.rates = np.zeros(size, dtype=bool)
@@ -541,12 +554,14 @@ class Point:
     def _left_out(self) -> None:
         """Take out what stands still: counters, angles of nothing, codes; and what depends on such alone."""
         e, layout = self.equations, self.equations.plan.layout
+        angles = np.zeros(e.size, dtype=bool)
         for t in layout.types:
             for k, f in enumerate(fields_of(t.kind.state) if t.nx else ()):
                 places = t.x + k + t.nx * np.arange(len(t.placed))
                 if f.signal.counts:
                     self.active[places] = False
                 if f.signal.rotates:
+                    angles[places] = True
                     self.active[[place for place in places if place not in e.angle_island]] = False
         rows, columns, values = (np.concatenate(part) for part in (self.rows, self.columns, self.values))
         values = values * self.per_farad[rows]
@@ -556,6 +571,7 @@ class Point:
         keep = values != 0.0
         self.triples = rows[keep], columns[keep], values[keep]
         self._constants()
+        self.drifting &= ~angles
 
     def _constants(self) -> None:
         """States and outputs of kernels that depend on nothing that moves are constants."""
@@ -565,6 +581,7 @@ class Point:
             of_kernel[block.y] = True
             of_kernel[block.x] = len(block.rate) > 0
         rows, columns, values = self.triples
+        disturbed = np.isin(columns, self.stirred) | np.isin(e.inner[columns], self.stirred)
         columns = e.inner[columns]
         own = rows == columns
         by_itself = np.zeros(e.size)
@@ -578,7 +595,7 @@ class Point:
         self.drifting = np.zeros(e.size, dtype=bool)  # ramps and timers: they move evenly, whatever else does
         while True:
             moves = np.zeros(e.size, dtype=bool)
-            moves[rows[self.active[columns] & ~own]] = True
+            moves[rows[(self.active[columns] | disturbed) & ~own]] = True
             still = self.active & of_kernel & ~moves & idle
             if not np.any(still):
                 return

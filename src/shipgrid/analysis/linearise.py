@@ -92,8 +92,9 @@ class LinearModel:
         -------
         ndarray of complex, shape (frequencies, to, at)
         """
-        B = np.column_stack([self.disturbance(path) for path in at])
-        return self.respond(B, [self.signal_row(path) for path in to], frequency)
+        model = self.stirred(at)
+        B = np.column_stack([model.disturbance(path) for path in at])
+        return model.respond(B, [model.signal_row(path) for path in to], frequency)
 
     def step(self, at: str, amount: float, until: float, signals: Sequence[str], n: int = 201) -> Response:
         """What a step of an input or a command does to signals.
@@ -115,7 +116,8 @@ class LinearModel:
         -------
         Response
         """
-        states = states_of(self.pencil, amount * self.disturbance(at)[:, None], steps=True)
+        model = self.stirred([at])
+        states = states_of(model.pencil, amount * model.disturbance(at)[:, None], steps=True)
         time = np.linspace(0.0, until, n)
         size = len(states.A)
         hold = np.zeros((size + 1, size + 1))
@@ -125,11 +127,16 @@ class LinearModel:
         z[:, size] = 1.0
         for k in range(1, n):
             z[k] = forward @ z[k - 1]
-        rows = [self.signal_row(path) for path in signals]
+        rows = [model.signal_row(path) for path in signals]
         values = z[:, :size] @ states.S[rows].T + states.D[rows, 0]
         return Response(time, dict(zip(signals, values.T, strict=True)))
 
     # what the functions of `frequency_response` are made of
+
+    def stirred(self, at: Sequence[str]) -> LinearModel:
+        """The same with everything that commands or inputs act on, constants as they are otherwise."""
+        point = self.point.equations.at(self.point.sig, [input_place(self.plan, path) for path in at])
+        return LinearModel(self.plan, self.point, pencil_at(point, self.point.omega))
 
     def disturbance(self, at: str) -> np.ndarray:
         """Column of a unit disturbance of an input, beside what it is connected to; or of a command or open input.

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eig
 
-SETTLED = 3.0
-"""A mode is dominant if it is among the slowest or least damped: its envelope falls to 5 % in 3 time constants."""
+TWINS = 0.01
+SWINGS = 0.9
+"""Damping ratio below which an oscillation is seen as one."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +113,28 @@ class Modes:
 
         return sorted((mode for mode in self.modes if share(mode) >= 0.1), key=share, reverse=True)
 
-    def dominant(self, n: int = 8) -> list[Mode]:
-        """The `n` modes that are seen longest: the oscillations of least damping ratio, then the slowest.
+    def without(self, *parts: str) -> Modes:
+        """The modes in which none of these components (with all that is under their paths) takes half or more."""
 
-        Half of them are chosen by the one, the rest by the other.
+        def share(mode: Mode) -> float:
+            return sum(p for name, p in mode.participation.items() if name.startswith(tuple(f"{x}." for x in parts)))
+
+        return Modes(tuple(mode for mode in self.modes if share(mode) < 0.5))
+
+    def dominant(self, n: int = 9) -> list[Mode]:
+        """The `n` modes that are seen longest: least damped and slowest oscillations and slowest of all.
+
+        Of modes that are the same to 1 % (those of twins) one is taken.
         """
-        swinging = sorted((m for m in self.modes if m.eigenvalue.imag), key=lambda m: m.damping)[: (n + 1) // 2]
-        slow = [m for m in self.modes if m not in swinging][: n - len(swinging)]
-        return sorted([*swinging, *slow], key=lambda m: -m.eigenvalue.real)
+        distinct: list[Mode] = []
+        for mode in self.modes:
+            if all(abs(mode.eigenvalue - other.eigenvalue) > TWINS * abs(other.eigenvalue) for other in distinct):
+                distinct.append(mode)
+        swinging = [mode for mode in distinct if mode.damping < SWINGS]
+        found = sorted(swinging, key=lambda mode: mode.damping)[: n // 3]
+        found += [mode for mode in swinging if mode not in found][: n // 3]
+        found += [mode for mode in distinct if mode not in found][: n - len(found)]
+        return sorted(found, key=lambda mode: -mode.eigenvalue.real)
 
     def plot(self, axes: object | None = None, *, label: int = 8, window: tuple[float, float] | None = None) -> object:
         """Draw the eigenvalues, the dominant ones with their names.

@@ -41,6 +41,9 @@ class Pencil:
     A : sparse matrix, shape (n, n)
     columns : sparse matrix, shape (n, places)
         Derivatives of the rows by every place, an input a place of its own.
+
+    A sampled state has two unknowns of one place: what its own component computes with, and half way to the next,
+    which is what others see.
     """
 
     point: Point
@@ -50,7 +53,7 @@ class Pencil:
     columns: sparse.csr_matrix
 
     def row(self, place: int) -> int:
-        """Number of a place among the unknowns.
+        """Number of a place among the unknowns; of a sampled state that which others see.
 
         Raises
         ------
@@ -61,7 +64,7 @@ class Pencil:
         if not len(found):
             name = self.point.equations.names[place]
             raise ParameterError(f"'{name}' does not move at this operating point")
-        return int(found[0])
+        return int(found[-1])
 
 
 def pencil_at(point: Point, omega: np.ndarray, held: Collection[int] = ()) -> Pencil:
@@ -109,8 +112,20 @@ def pencil_at(point: Point, omega: np.ndarray, held: Collection[int] = ()) -> Pe
     turn_keep = row[turn_r] >= 0
     turn_half = np.where(half[turn_r] >= 0, half[turn_r], row[turn_r])[turn_keep]
     turning = _matrix([turn_half], [turn_c[turn_keep]], [turn_v[turn_keep]], (size, e.size))
-    A = (M @ point.seen() + turning)[:, places]
-    on_half = _matrix([row[sampled]], [np.arange(len(sampled))], [-np.ones(len(sampled))], (size, len(sampled)))
+    # who reads a sampled state from outside sees what was computed, held: on the mean what it is half way
+    every_r, every_c, every_v = (np.concatenate(part).astype(int if k < 2 else float) for k, part in
+                                 enumerate((triples_r, triples_c, triples_v)))  # fmt: skip
+    of_row = np.concatenate([places, sampled])[every_r]
+    seen = e.inner[every_c]
+    outside = (half[seen] >= 0) & (e.owner[of_row] != e.owner[seen])
+    inside_only = _matrix([every_r[~outside]], [every_c[~outside]], [every_v[~outside]], (size, e.size))
+    A = (inside_only @ point.seen() + turning)[:, places]
+    on_half = _matrix(
+        [row[sampled], every_r[outside]],
+        [np.arange(len(sampled)), half[seen[outside]] - n],
+        [-np.ones(len(sampled)), every_v[outside]],
+        (size, len(sampled)),
+    )
     A = sparse.hstack([A, on_half]).tocsc()
     rates = np.concatenate([(point.rates[places] & (point.period[places] == 0.0)) | fixed[places], sampled >= 0])
     return Pencil(point, np.concatenate([places, sampled]), rates, A, M)

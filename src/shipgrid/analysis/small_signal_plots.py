@@ -56,6 +56,7 @@ def draw_modes(
     zeta = 0.1
     sigma = -np.geomspace(1e-3, -low, 200)
     axes.plot(sigma, -sigma * np.sqrt(1.0 / zeta**2 - 1.0), lw=0.7, ls=":", color="0.6")
+    axes.annotate("ζ 0.1", (sigma[120], -sigma[120] * 9.95), fontsize=7, color="0.5")
     axes.axvline(0.0, lw=0.8, color="tab:red")
     for k, mode in enumerate(named, start=1):
         z = mode.eigenvalue
