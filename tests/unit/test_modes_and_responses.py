@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from verification.circuits import SourceBranch
 
 import shipgrid as sg
 from shipgrid.analysis.equations import pade
@@ -14,6 +13,7 @@ from shipgrid.analysis.modes import Mode, Modes, modes_of
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.errors import ParameterError, SteadyStateError, TopologyError
+from verification.circuits import SourceBranch
 
 R, L, C, G = 0.1, 1e-3, 1e-3, 0.1
 

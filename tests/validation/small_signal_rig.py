@@ -23,9 +23,9 @@ from shipgrid.controllers.governor_degov1 import Degov1
 from shipgrid.controllers.grid_forming import PRESETS, GridForming, droop
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.rectifier_control import RectifierControl
-from shipgrid.equipment.wiring import add_modulator
+from shipgrid.equipment.wiring import add_bridge, add_leg
 from shipgrid.model import Terminal, component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Pole, Pole3, Sampled
+from shipgrid.model.network import Every, Network, Pole3, Sampled
 from shipgrid.units import (
     Ampere,
     Henry,
@@ -334,8 +334,8 @@ def rectifier(
     net.capacitance(dc, capacitance)
     net.add("grid", TurningVoltage(), inputs={"v": e * math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
     net.add_three_phase("source", Source(), ports={"ends": ac}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
-    s = {f"s_{axis}": f"modulator.s_{axis}" for axis in AXES}
-    net.add_three_phase("lcl", lcl, ports={"converter": Pole3(dc, **s), "grid": ac})
+    bridge = add_bridge(net, "rectifier", dc, control="control", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
+    net.add_three_phase("lcl", lcl, ports={"converter": bridge, "grid": ac})
     measured = {f"{to}_{axis}": f"lcl.{axis}.{of}" for axis in AXES for to, of in (("v_c", "v_c"), ("i_1", "i_1"))}
     net.add(
         "control",
@@ -343,7 +343,6 @@ def rectifier(
         inputs=measured | {"v_dc": "dc.v_dc", "v_dc_ref": net.command("v_dc_ref", 750.0), "mode": mode, "enable": 1.0},
         clock=Sampled(f_s),
     )
-    add_modulator(net, "modulator", kind="bridge", source="control", clock=Sampled(f_s))
     if stiff is None:
         net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
         net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
@@ -383,14 +382,13 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
     net.add("battery", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -750.0})
     for k in range(units):
         name = f"inverter_{k}"
-        s = {f"s_{axis}": f"{name}.modulator.s_{axis}" for axis in AXES}
-        net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": Pole3(dc, **s), "grid": ac})
+        clock = Sampled(1620.0)
+        bridge = add_bridge(net, name, dc, control=f"{name}.control", gates=1.0, clock=clock, f_sw=1620.0)
+        net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": bridge, "grid": ac})
         states = (("v_c", "v_c"), ("i_1", "i_1"), ("i_g", "i_2"))
         measured = {f"{to}_{axis}": f"{name}.lcl.{axis}.{of}" for axis in AXES for to, of in states}
         inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0}
         net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=Sampled(1620.0))
-        source = f"{name}.control"
-        add_modulator(net, f"{name}.modulator", kind="bridge", source=source, clock=Sampled(1620.0))
     if conductance:
         net.conductance(ac, conductance)
     for k, load in enumerate(loads):
@@ -451,7 +449,8 @@ def battery_forming(capacitance):
     net = Network("battery")
     dc = net.dc_bus("dc", 750.0)
     net.capacitance(dc, capacitance)
-    net.add("converter", BuckBoost(), ports={"leg": Pole(dc, s="modulator.s")}, inputs={"e": 474.0})
+    leg = add_leg(net, "battery", dc, control="control", gates=1.0, clock=Sampled(5000.0), f_sw=5000.0)
+    net.add("converter", BuckBoost(), ports={"leg": leg}, inputs={"e": 474.0})
     net.add(
         "control",
         BatteryControl(),
@@ -460,7 +459,6 @@ def battery_forming(capacitance):
         initial={"mode": VOLTAGE},
         clock=Sampled(5000.0),
     )
-    add_modulator(net, "modulator", kind="leg", source="control", clock=Sampled(5000.0))
     net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 10e3)})
     net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
     return assemble(net, 30e-6)

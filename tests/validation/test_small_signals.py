@@ -10,13 +10,13 @@ import math
 
 import numpy as np
 import pytest
-from validation import small_signal_rig as rig
-from validation.test_rectifier import GENSET, Bench, bus_damping
 
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
 from shipgrid.analysis.steady_state import advance
 from shipgrid.controllers.rectifier_control import RectifierControl
+from validation import small_signal_rig as rig
+from validation.test_rectifier import GENSET, Bench, bus_damping
 
 
 def near(modes, expected, within=0.02):

@@ -32,19 +32,21 @@ from scipy import sparse
 from scipy.signal import tf2ss
 from scipy.special import factorial
 
-from shipgrid.analysis.islands import Island, find_islands
+from shipgrid.analysis.islands import find_islands
 from shipgrid.assembly.layout import ONE, ZERO, TypeLayout
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SteadyStateError
-from shipgrid.model.component import fields_of
+from shipgrid.model.component import fields_of, type_of
 from shipgrid.model.kernel import argument_names, uncompiled
-from shipgrid.model.network import Placed
+from shipgrid.model.network import Legs, Placed
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import state_space
 
 COMPLEX_STEP = 1e-40
 MODULATION_DELAY = 1.5
 """Sampling periods from a sample to the middle of the hold of what was computed from it."""
+SAMPLED, SAMPLED_LEG, DIRECT = ("s_alpha_ref", "s_beta_ref"), ("s_ref",), ("s_alpha", "s_beta")
+"""What modulators put in force: a reference held from instant to instant, or a vector at once."""
 LONGEST_RAMP = 2**30
 """Periods after which what still moves evenly is taken for a timer."""
 PROBE = 1e-9
@@ -271,7 +273,7 @@ class Equations:
         self.kernels = [
             _Kernels(plan, t, k)
             for t in layout.types
-            if not t.kind.linear and "modulate" not in t.kind.kernels
+            if not t.kind.linear and set(t.kind.kernels) & {"derivatives", "update", "outputs"}
             for k in range(len(t.placed))
         ]
         self.owner = np.full(self.size, -1)  # which of these kernels a state or output is of
@@ -291,26 +293,47 @@ class Equations:
         for name, gather in self.plan.gathers.items():
             pairs = gather["latest"] if name == "network" else np.concatenate([gather["measured"], gather["latest"]])
             alias[pairs[:, 0]] = pairs[:, 1]
+        for legs in self.plan.network.legs.values():
+            if self._references(legs) == DIRECT:  # the controller's vector is in force at once
+                for pole, name in zip(legs.poles, DIRECT, strict=True):
+                    alias[self.plan.layout.index[pole]] = self.plan.layout.slots["u", f"{legs.modulator}.{name}"]
         while np.any(alias[alias] != alias):
             alias = alias[alias]
         return alias
 
+    def _references(self, legs: Legs) -> tuple[str, ...]:
+        """Names of the inputs that a bridge's modulator puts in force."""
+        inputs = names_of(type_of(self.plan.network.placed[legs.modulator].item).input)
+        return next((names for names in (SAMPLED, SAMPLED_LEG, DIRECT) if set(names) <= set(inputs)), ())
+
     def _modulators(self) -> list[tuple[Placed, float, list[tuple[int, int]], np.ndarray]]:
-        """Modulators: path, period, pairs of reference and switching function, and their own states."""
-        found = []
-        for t in self.plan.layout.types:
-            if "modulate" not in t.kind.kernels:
+        """Modulators that hold: path, period, pairs of reference and switching function, and their own states."""
+        found, layout = [], self.plan.layout
+        for legs in self.plan.network.legs.values():
+            references = self._references(legs)
+            if references not in (SAMPLED, SAMPLED_LEG):
                 continue
-            inputs, outputs = names_of(t.kind.input), names_of(t.kind.output)
-            for k, placed in enumerate(t.placed):
-                period = float(self.plan.periods[self.plan.clock_of[t.kind.key][k]])
-                links = [
-                    (t.u + k * t.nu + inputs.index(f"{name}_ref"), t.y + k * t.ny + j)
-                    for j, name in enumerate(outputs)
-                    if f"{name}_ref" in inputs
-                ]
-                found.append((placed, period, links, np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)))
+            placed = self.plan.network.placed[legs.modulator]
+            t = next(t for t in layout.types if placed in t.placed)
+            k = t.placed.index(placed)
+            links = [
+                (layout.slots["u", f"{placed.path}.{name}"], layout.index[pole])
+                for name, pole in zip(references, legs.poles, strict=True)
+            ]
+            period = float(self.plan.periods[self.plan.clock_of[t.kind.key][k]])
+            found.append((placed, period, links, np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)))
         return found
+
+    def _blocked(self, sig: np.ndarray) -> set[str]:
+        """Switching functions of the poles whose gates are blocked at the point."""
+        gates = {legs: ("u", f"{legs.modulator}.gates") for legs in self.plan.network.legs.values()}
+        slots = self.plan.layout.slots
+        return {
+            pole
+            for legs, slot in gates.items()
+            if slot in slots and sig[self.alias[slots[slot]]] < 0.5
+            for pole in legs.poles
+        }
 
     def _elements(self, sig: np.ndarray) -> None:
         """Matrices of the linear elements, with their contacts as they stand."""
@@ -318,6 +341,7 @@ class Equations:
         self.elements: list[tuple[Placed, np.ndarray, np.ndarray, np.ndarray, Any]] = []
         self.opened: list[str] = []
         self.held: set[int] = set()
+        blocked = self._blocked(sig)
         for t in layout.types:
             if not t.kind.linear:
                 continue
@@ -327,15 +351,18 @@ class Equations:
             ends = [terminal.v for terminal in t.kind.terminals]
             for k, placed in enumerate(t.placed):
                 x = np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)
-                space = state_space(placed.item)
-                A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
                 position = int(sig[self.alias[layout.place(placed.variant, placed.path)]]) if placed.variant else 0
-                variants = [(), *t.kind.variants.values()]
-                held = [states.index(name) for name in variants[position if 0 <= position < len(variants) else 0]]
+                position = position if 0 <= position < len(placed.positions) else 0
+                space = state_space(placed.item, position)
+                A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
+                held = [states.index(name) for name in placed.positions[position] or ()]
+                for column, end in enumerate(t.kind.terminals):  # blocked legs whose diodes do not conduct
+                    if placed.ports[end.name].coefficient in blocked:
+                        held += [int(row) for row in np.flatnonzero(B[:, column]) if row not in held]
                 A[held, :] = A[:, held] = 0.0
                 B[held, :] = C[:, held] = 0.0
                 self.held |= set(x[held])
-                if held and len(held) == len(states):
+                if placed.positions[position] is not None and len(held) == len(states):
                     D[:] = 0.0
                     self.opened.append(placed.path)
                 u = np.array([t.u + k * t.nu + inputs.index(name) for name in [*ends, *space.sources]])

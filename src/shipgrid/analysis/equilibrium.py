@@ -282,7 +282,7 @@ class _Search:
                 if new_norm < norm or norm < RESTS or (np.isfinite(new_norm) and np.any(stale)):
                     break
                 share *= 0.5
-            if found is None or not new_norm < 2.0 * max(norm, RESTS) and not np.any(stale):
+            if found is None or (not new_norm < 2.0 * max(norm, RESTS) and not np.any(stale)):
                 return None
             point, omega, norm = found, omega + share * move_omega, new_norm
             step = float(np.max(np.abs(share * move_sig) / np.maximum(np.abs(point.sig), 1.0), initial=0.0))

@@ -126,6 +126,8 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
             x, y = t.x + k * t.nx, t.y + k * t.ny
             owner |= dict.fromkeys(range(x, x + t.nx), key) | dict.fromkeys(range(y, y + t.ny), key)
             placed_in.append((key, placed, states, outputs, rotating, x, y))
+    for legs in network.legs.values():
+        groups.join(legs.path, legs.modulator)
     for t in layout.types:
         names = names_of(t.kind.input)
         for k, placed in enumerate(t.placed):

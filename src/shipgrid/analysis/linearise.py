@@ -27,8 +27,7 @@ from scipy import sparse
 from scipy.linalg import expm, null_space
 from scipy.sparse.linalg import splu
 
-from shipgrid.analysis.equations import Point
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place, place_of, steady_state
+from shipgrid.analysis.equilibrium import OperatingPoint, input_place, steady_state
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
 from shipgrid.assembly.plan import Plan, Workspace
