@@ -259,7 +259,9 @@ def test_mode_changes_under_load_do_not_bump_the_bus(genset):
     for mode in modes:
         v_before, i_before, star_before = side.z[-2], side.z[1], side.controls[0].x.i_star
         run = side.command(mode_ref=mode, i_ref=0.0).run(0.02)
-        assert abs(run.i_star[0, 0] - star_before) < 0.05  # one sample of ramp or integrator
+        assert (
+            abs(run.i_star[0, 0] - star_before) < 0.051
+        )  # one sample of the ramp, 0.2 ms at 250 A/s, or of the integrator
         # in 20 ms the set point moves by 5 A; voltage forming integrates at most 5 1/s of the droop there was
         assert np.max(np.abs(run.i_l[:, 0] - i_before)) < 5.0 + 0.1 * K_DR * abs(750.0 - v_before) + 0.5
         assert np.max(np.abs(run.v_dc - v_before)) < 3.0
