@@ -353,8 +353,8 @@ def rectifier(
 
 RECTIFIER_START = {"ac.v_alpha": 392.0, "lcl.alpha.v_c": 392.0, "lcl.alpha.i_1": -189.0, "lcl.alpha.i_2": -189.0,
                    "control.v_ff_d": 1.0, "control.v_f": 1.0, "control.dc.pi.i": 0.187, "control.i_dc_f": 0.187,
-                   "control.vs_d": 1.0, "control.vs_q": -0.25, "modulator.s_alpha": 0.52,
-                   "modulator.s_beta": -0.13}  # fmt: skip
+                   "control.vs_d": 1.0, "control.vs_q": -0.25, "rectifier.bridge.s_alpha": 0.52,
+                   "rectifier.bridge.s_beta": -0.13}  # fmt: skip
 """Near 0.19 pu of load."""
 
 
@@ -404,7 +404,7 @@ def near_nominal(units=1):
         found |= {f"{unit}.lcl.alpha.v_c": 326.0, f"{unit}.lcl.alpha.i_1": 15.0, f"{unit}.lcl.alpha.i_2": 15.0}
         found |= {f"{unit}.control.v_c_forward.d": 1.0, f"{unit}.control.i_g_slow.d": 0.15}
         found |= {f"{unit}.control.voltage.d": 0.05, f"{unit}.control.current.d": 0.5}
-        found |= {f"{unit}.control.power": -0.15, f"{unit}.control.lead": -0.15, f"{unit}.modulator.s_alpha": 0.43}
+        found |= {f"{unit}.control.power": -0.15, f"{unit}.control.lead": -0.15, f"{unit}.bridge.s_alpha": 0.43}
     return found
 
 
