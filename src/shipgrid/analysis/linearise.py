@@ -21,18 +21,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 from scipy import sparse
 from scipy.linalg import expm, null_space
 from scipy.sparse.linalg import splu
 
-from shipgrid.analysis.equations import Point
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place, place_of, steady_state
+from shipgrid.analysis.equilibrium import OperatingPoint, input_place, steady_state
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import ParameterError
+
+if TYPE_CHECKING:
+    from shipgrid.analysis.sampled_control import SampledModel
 
 INVARIANT = 1e-6
 """Turning an island counts as free if it changes no rate by more than this share of its terms (of its largest
@@ -173,13 +176,27 @@ class LinearModel:
         return found
 
 
+@overload
+def linearise(plan: Plan, point: OperatingPoint | Workspace) -> LinearModel: ...
+
+
+@overload
+def linearise(plan: Plan, point: OperatingPoint | Workspace, *, method: Literal["continuous"]) -> LinearModel: ...
+
+
+@overload
+def linearise(
+    plan: Plan, point: OperatingPoint | Workspace, *, method: Literal["sampled"], rate: float | None = None
+) -> SampledModel: ...
+
+
 def linearise(
     plan: Plan,
     point: OperatingPoint | Workspace,
     *,
     method: str = "continuous",
     rate: float | None = None,
-) -> LinearModel:
+) -> LinearModel | SampledModel:
     """Linearise a plant at an operating point.
 
     Parameters
