@@ -54,8 +54,8 @@ class OperatingPoint:
     equations : Equations
     sig : ndarray
         Every signal, the vectors of each island in its own turning frame (`alpha` is d, `beta` is q).
-    frequency : dict of str to float
-        Frequency [Hz] of each AC island, under the name of a bus (or the machine) in it.
+    omega : ndarray
+        Angular frequency [rad/s] of each AC island, in the order of the equations' islands; `frequency` has names.
     error : float
         Last step of Newton's method, relative to the size of the signals.
     """

@@ -73,7 +73,12 @@ class Mode:
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a plant beside an operating point, the rightmost first."""
+    """Modes of a plant beside an operating point: a sequence, the rightmost first.
+
+    Attributes
+    ----------
+    modes : tuple of Mode
+    """
 
     modes: tuple[Mode, ...]
 
