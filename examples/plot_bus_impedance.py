@@ -1,4 +1,4 @@
-"""What the DC bus of the ferry looks like to a small current: its impedance, on batteries and with a genset beside them.
+"""What the DC bus of the ferry looks like to a small current: its impedance, with and without a genset.
 
     python examples/plot_bus_impedance.py [--out FIGURE.png]
 

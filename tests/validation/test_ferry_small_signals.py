@@ -113,7 +113,7 @@ def test_a_step_of_the_speed_reference_goes_as_linear_theory_says(loaded):
 
 @pytest.mark.parametrize("frequency", [10.0, 50.0, 150.0])
 def test_impedance_of_the_dc_bus_is_what_a_small_current_finds(loaded, frequency):
-    """A sinusoidal current of 1 A into the bus, as charge at every step; the answer by correlation over whole periods."""
+    """A sinusoidal current of 1 A into the bus, as charge at every step; the answer by correlation."""
     plan, point, model = loaded
     steps = round(1.0 / frequency / H)
     omega = 2.0 * math.pi / (steps * H)  # a whole number of steps a period

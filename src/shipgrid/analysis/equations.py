@@ -238,12 +238,12 @@ class _Kernels:
             xs, us = x.astype(complex), u.astype(complex)
             (xs if k < n else us)[k if k < n else k - n] += 1j * COMPLEX_STEP
             stepped_rate, stepped_output = self.evaluate(xs, us, y)
-            by_rate[:, k] = stepped_rate.imag / COMPLEX_STEP
-            by_output[:, k] = stepped_output.imag / COMPLEX_STEP
-        held = self.limited(x, u, rate.real) if len(rate) else np.zeros(n, dtype=bool)
+            by_rate[:, k] = np.imag(stepped_rate) / COMPLEX_STEP
+            by_output[:, k] = np.imag(stepped_output) / COMPLEX_STEP
+        held = self.limited(x, u, np.real(rate)) if len(rate) else np.zeros(n, dtype=bool)
         return Block(
             self.path, self.sampled, self.period, self.x, self.y, self.u,
-            rate.real, output.real, by_rate, by_output, held,
+            np.real(rate), np.real(output), by_rate, by_output, held,
         )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -53,8 +54,8 @@ class OperatingPoint:
     equations : Equations
     sig : ndarray
         Every signal, the vectors of each island in its own turning frame (`alpha` is d, `beta` is q).
-    frequency : dict of str to float
-        Frequency [Hz] of each AC island, under the name of a bus (or the machine) in it.
+    omega : ndarray
+        Angular frequency [rad/s] of each AC island, in the order of the equations' islands; `frequency` has names.
     error : float
         Last step of Newton's method, relative to the size of the signals.
     """
@@ -149,7 +150,6 @@ def steady_state(
     sig, omega = _first_guess(equations, work)
     held = np.array([equations.alias[place_of(plan, path)] for path in hold], dtype=np.int64)
     freed = np.array([equations.alias[input_place(plan, path)] for path in free], dtype=np.int64)
-    wanted = np.array(list(hold.values()))
     search = _Search(equations, held, np.array(list(hold.values())), freed)
     point = equations.at(sig)
     for path, place in zip(free, freed, strict=True):
@@ -189,7 +189,7 @@ def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.
     sig = np.zeros(equations.size)
     sig[:n] = start[equations.alias[:n]]
     omega = np.zeros(len(equations.islands))
-    for i, island in enumerate(equations.islands):
+    for island in equations.islands:
         angle = 0.0
         if island.buses:
             a, b = island.pairs[0]
@@ -397,7 +397,7 @@ def _position(unknown: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.array([where[int(place)] for place in places], dtype=np.int64)
 
 
-def _solve(J: sparse.csc_matrix, right: np.ndarray) -> np.ndarray:
+def _solve(J: Any, right: np.ndarray) -> np.ndarray:
     """Solution of J x = right; the shortest one where J leaves something open (a bus without voltage, say)."""
     rows = np.asarray(np.abs(J).max(axis=1).todense()).ravel()
     rows = 1.0 / np.where(rows > 0.0, rows, 1.0)

@@ -61,12 +61,12 @@ class FrequencyResponse:
             raise ParameterError(f"{self.name}: margins are those of a scalar loop gain")
         size, angle = np.abs(self.value), np.unwrap(np.angle(self.value))
         crossings = np.flatnonzero((size[:-1] - 1.0) * (size[1:] - 1.0) < 0.0)
-        phase = [_between(np.log(size), angle, k, 0.0) for k in crossings]
+        phase = [_between(np.log(size), angle, int(k), 0.0) for k in crossings]
         turns = np.floor((angle - np.pi) / (2.0 * np.pi))
         gain = []
         for k in np.flatnonzero(turns[:-1] != turns[1:]):
             target = np.pi + 2.0 * np.pi * max(turns[k], turns[k + 1])
-            gain.append(1.0 / np.exp(_between(angle, np.log(size), k, target)))
+            gain.append(1.0 / np.exp(_between(angle, np.log(size), int(k), target)))
         worst = min((abs((p + np.pi + np.pi) % (2.0 * np.pi) - np.pi) for p in phase), default=np.inf)
         return float(np.degrees(worst)), float(min((max(g, 1.0 / g) for g in gain), default=np.inf))
 

@@ -152,7 +152,7 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
                 continue
             u = t.u + k * t.nu
             pairs = pairs_of(names)
-            for position, name in enumerate(names):
+            for position in range(len(names)):
                 source = int(alias[u + position])
                 is_pair = any(position in pair for pair in pairs)
                 if source in owner and (is_pair or _is_angle(plan, source)):

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 from scipy import sparse
@@ -32,6 +33,9 @@ from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import ParameterError
+
+if TYPE_CHECKING:
+    from shipgrid.analysis.sampled_control import SampledModel
 
 INVARIANT = 1e-6
 """Turning an island counts as free if it changes no rate by more than this share of its terms (of its largest
@@ -172,13 +176,27 @@ class LinearModel:
         return found
 
 
+@overload
+def linearise(plan: Plan, point: OperatingPoint | Workspace) -> LinearModel: ...
+
+
+@overload
+def linearise(plan: Plan, point: OperatingPoint | Workspace, *, method: Literal["continuous"]) -> LinearModel: ...
+
+
+@overload
+def linearise(
+    plan: Plan, point: OperatingPoint | Workspace, *, method: Literal["sampled"], rate: float | None = None
+) -> SampledModel: ...
+
+
 def linearise(
     plan: Plan,
     point: OperatingPoint | Workspace,
     *,
     method: str = "continuous",
     rate: float | None = None,
-) -> LinearModel:
+) -> LinearModel | SampledModel:
     """Linearise a plant at an operating point.
 
     Parameters

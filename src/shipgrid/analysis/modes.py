@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import eig
@@ -72,7 +73,12 @@ class Mode:
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a plant beside an operating point, the rightmost first."""
+    """Modes of a plant beside an operating point: a sequence, the rightmost first.
+
+    Attributes
+    ----------
+    modes : tuple of Mode
+    """
 
     modes: tuple[Mode, ...]
 
@@ -176,7 +182,8 @@ def modes_of(
     to_rate : callable
         Turns eigenvalues of the matrix into those in 1/s; what is not finite then is no mode.
     """
-    values, left, right = eig(matrix, left=True, right=True)
+    decomposed: Any = eig(matrix, left=True, right=True)
+    values, left, right = decomposed
     rates = to_rate(values.astype(complex))
     names, number = np.unique(groups, return_inverse=True)
     found = []

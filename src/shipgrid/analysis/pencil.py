@@ -126,7 +126,7 @@ def pencil_at(point: Point, omega: np.ndarray, held: Collection[int] = ()) -> Pe
         [-np.ones(len(sampled)), every_v[outside]],
         (size, len(sampled)),
     )
-    A = sparse.hstack([A, on_half]).tocsc()
+    A = sparse.csc_matrix(sparse.hstack([A, on_half]))
     rates = np.concatenate([(point.rates[places] & (point.period[places] == 0.0)) | fixed[places], sampled >= 0])
     return Pencil(point, np.concatenate([places, sampled]), rates, A, M)
 

@@ -37,8 +37,7 @@ PARTS = 6
 """Parts of a period in (2). What is held turns by omega T / PARTS in one, 2 degrees at 60 Hz and 1620 Hz."""
 ITERATIONS, CONVERGED = 12, 1e-9
 FORGOTTEN = 1e-3
-"""A multiplier below this is that of a signal which is forgotten within a few periods (rounding spreads it around zero):
-no mode."""
+"""A multiplier below this is that of a signal forgotten within a few periods (rounding spreads it round zero)."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +153,7 @@ class _Period:
             for i, island in enumerate(e.islands)
             if any(a in places for a in island.angles)
         ]
+        step = np.inf
         for _ in range(ITERATIONS):
             before = self.values(sig, inside, places)
             after_sig, after_inside, M = self.map(sig, inside, omega)

@@ -44,13 +44,14 @@ def draw_modes(
     if axes is None:
         _, axes = _pyplot().subplots(figsize=(9.0, 5.5), constrained_layout=True)
     assert axes is not None
-    values = np.array([mode.eigenvalue for mode in modes])
+    values = np.array([mode.eigenvalue for mode in modes], dtype=complex)
+    sigma_of, omega_of = np.real(values), np.imag(values)
     named = modes.dominant(label)
-    axes.plot(values.real, values.imag, "x", color="0.55", ms=5, mew=1.0)
+    axes.plot(sigma_of, omega_of, "x", color="0.55", ms=5, mew=1.0)
     axes.set_xscale("symlog", linthresh=0.1)
     axes.set_yscale("symlog", linthresh=1.0)
-    low, high = window or (1.3 * float(values.real.min()), 1.5 * max(float(values.imag.max()), 1.0))
-    right = max(0.0, float(values.real.max()))
+    low, high = window or (1.3 * float(np.min(sigma_of)), 1.5 * max(float(np.max(omega_of)), 1.0))
+    right = max(0.0, float(np.max(sigma_of)))
     axes.set_xlim(low, 0.3 if right <= 0.0 else 2.0 * right)
     axes.set_ylim(-0.5, high)
     zeta = 0.1
