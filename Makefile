@@ -12,6 +12,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 2
+# small matrices only: threads of the linear algebra library would wait for each other beside the workers
+export OMP_NUM_THREADS ?= 1
 
 .PHONY: run install install-test ngspice test full lint format clean
 

@@ -232,6 +232,7 @@ class SwingInput:
     p_ref: PerUnit = signal("as in the controller", initial=0.0)
     q_ref: PerUnit = signal("as in the controller", initial=0.0)
     omega_ref: PerUnit = signal("as in the controller", initial=1.0)
+    dp_sync: PerUnit = signal("trim", initial=0.0)
     dw_sync: PerUnit = signal("as in the controller", initial=0.0)
     dV_sync: PerUnit = signal("as in the controller", initial=0.0)
 

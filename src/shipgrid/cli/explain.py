@@ -98,7 +98,7 @@ def tie_rows(network: Network, step: float) -> list[tuple[str, str, str, str, st
     """Elements between two buses with capacitance: how fast they equalise them, and what the solver makes of that.
 
     Nothing is merged but what lies in parallel at one bus: a tie keeps its current and its contact, and the rule takes
-    one that is faster than a step (docs/decisions/0008-stiff-ties.md).
+    one that is faster than a step (docs/decisions/0011-stiff-ties.md).
 
     Parameters
     ----------
