@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import subprocess
@@ -18,10 +19,13 @@ SPELL = 0.05
 
 
 def warm_up() -> float:
-    """Compile everything that a run of the ferry needs; returns the seconds it took."""
+    """Compile everything that runs of the ferry need, at both fidelities; returns the seconds it took."""
+    from shipgrid.scenarios.runner import FIDELITIES
+
     began = time.perf_counter()
-    _, started = start_case("ferry", "mission")
-    _advance(started, 10)
+    for fidelity in FIDELITIES:
+        _, started = start_case("ferry", "mission", fidelity)
+        _advance(started, 10)
     return time.perf_counter() - began
 
 
@@ -31,9 +35,10 @@ def measure() -> dict[str, Any]:
     Returns
     -------
     dict
-        `cases`: by ship and scenario, `cold` and `warm` start (`start_case`, and `process_s` from the start of the
-        process to its first step) and `steps` by step length (`step_times`); and the provenance. The first case of a
-        ship starts with an empty cache, `cold` is then with the compiler; the others find what that one compiled.
+        `cases`: by ship, scenario and fidelity, `cold` and `warm` start (`start_case`, and `process_s` from the start of
+        the process to its first step) and `steps` by step length (`step_times`); and the provenance. The first case of
+        a ship and fidelity starts with nothing compiled, `cold` is then with the compiler; the others find what that
+        one compiled.
     """
     from shipgrid.errors import InputErrors
     from shipgrid.io.scenario_file import load_case
@@ -43,14 +48,16 @@ def measure() -> dict[str, Any]:
     cases: dict[str, Any] = {}
     for ship in bundled("ship"):
         with tempfile.TemporaryDirectory() as cache:
-            for scenario in bundled("scenario"):
+            for scenario, fidelity in itertools.product(bundled("scenario"), runner.FIDELITIES):
                 try:
                     loaded = load_case(ship, scenario)[1]
                 except InputErrors:  # a scenario for another ship
                     continue
-                steps = sorted({runner.DEFAULT_STEP, loaded.step or runner.DEFAULT_STEP})
-                cold, warm = _in_a_process(cache, ship, scenario, []), _in_a_process(cache, ship, scenario, steps)
-                cases[f"{ship} {scenario}"] = {"cold": cold, "steps": warm.pop("steps"), "warm": warm}
+                of_scenario = loaded.step if fidelity == "averaged" else None
+                steps = sorted({runner.DEFAULT_STEP, of_scenario or runner.DEFAULT_STEP})
+                case = (cache, ship, scenario, fidelity)
+                cold, warm = _in_a_process(*case, []), _in_a_process(*case, steps)
+                cases[f"{ship} {scenario} {fidelity}"] = {"cold": cold, "steps": warm.pop("steps"), "warm": warm}
     return {"cases": cases, **runner.provenance(runner.build(load_case("ferry", "mission")[0], runner.DEFAULT_STEP))}
 
 
@@ -63,7 +70,7 @@ def flat(figures: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any
             yield f"{above}{name}", value
 
 
-def start_case(ship: str, scenario: str) -> tuple[dict[str, Any], Any]:
+def start_case(ship: str, scenario: str, fidelity: str) -> tuple[dict[str, Any], Any]:
     """Start a bundled case: seconds for imports, reading, assembling, start (with the compiler's), and the run."""
     began = time.perf_counter()
     from shipgrid.io.scenario_file import load_case
@@ -72,7 +79,7 @@ def start_case(ship: str, scenario: str) -> tuple[dict[str, Any], Any]:
     imported = time.perf_counter()
     loaded_ship, loaded_scenario = load_case(ship, scenario)
     read = time.perf_counter()
-    plan = runner.build(loaded_ship, runner.DEFAULT_STEP)
+    plan = runner.build(loaded_ship, runner.DEFAULT_STEP, fidelity)
     built = time.perf_counter()
     work, _ = runner.start(plan, loaded_ship, loaded_scenario)
     started = time.perf_counter()
@@ -89,13 +96,13 @@ def start_case(ship: str, scenario: str) -> tuple[dict[str, Any], Any]:
     return figures, run
 
 
-def step_times(ship: str, scenario: str, step: float) -> dict[str, float]:
+def step_times(ship: str, scenario: str, fidelity: str, step: float) -> dict[str, float]:
     """Time of a step [us] from the start of a case on: median, mean, percentiles and worst of `SPELLS` spells.
 
     Parameters
     ----------
-    ship, scenario : str
-        Names of bundled ones.
+    ship, scenario, fidelity : str
+        Names of bundled ones, and the detail of the converters.
     step : float
         Step [s].
     """
@@ -105,7 +112,7 @@ def step_times(ship: str, scenario: str, step: float) -> dict[str, float]:
     from shipgrid.scenarios import runner
 
     loaded_ship, loaded_scenario = load_case(ship, scenario)
-    plan = runner.build(loaded_ship, step)
+    plan = runner.build(loaded_ship, step, fidelity)
     work, _ = runner.start(plan, loaded_ship, loaded_scenario)
     run = runner.Run(plan, work)
     steps = round(SPELL / step)
@@ -125,17 +132,17 @@ def step_times(ship: str, scenario: str, step: float) -> dict[str, float]:
     }
 
 
-def child(ship: str, scenario: str, steps: list[float]) -> None:
+def child(ship: str, scenario: str, fidelity: str, steps: list[float]) -> None:
     """What a process of its own does for `measure`: prints its figures as JSON."""
-    figures, _ = start_case(ship, scenario)
+    figures, _ = start_case(ship, scenario, fidelity)
     figures["first_step_at"] = time.time()
     if steps:
-        figures["steps"] = {f"{1e6 * h:g} us": step_times(ship, scenario, h) for h in steps}
+        figures["steps"] = {f"{1e6 * h:g} us": step_times(ship, scenario, fidelity, h) for h in steps}
     sys.stdout.write(json.dumps(figures))
 
 
-def _in_a_process(cache: str, ship: str, scenario: str, steps: list[float]) -> dict[str, Any]:
-    code = f"from shipgrid.cli.bench import child; child({ship!r}, {scenario!r}, {steps!r})"
+def _in_a_process(cache: str, ship: str, scenario: str, fidelity: str, steps: list[float]) -> dict[str, Any]:
+    code = f"from shipgrid.cli.bench import child; child({ship!r}, {scenario!r}, {fidelity!r}, {steps!r})"
     began = time.time()
     done = subprocess.run(
         [sys.executable, "-c", code],
