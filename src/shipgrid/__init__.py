@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from shipgrid.analysis.frequency_response import FrequencyResponse, impedance, loop_gain
     from shipgrid.analysis.linearise import LinearModel, linearise
     from shipgrid.analysis.modes import Mode, Modes
+    from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
     from shipgrid.components.electrical.breaker import Breaker
     from shipgrid.components.electrical.capacitor import Capacitor
     from shipgrid.components.electrical.choke import Choke
@@ -45,7 +46,10 @@ if TYPE_CHECKING:
     from shipgrid.io.ship_file import Ship, load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
     from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
+    from shipgrid.modulators.averaged import DirectBridge
+    from shipgrid.modulators.hysteresis import HysteresisBridge
     from shipgrid.modulators.open_loop import SineModulation
+    from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
     from shipgrid.scenarios.circuit import CircuitRun, assemble
     from shipgrid.scenarios.events import At, Close, Open, Set
     from shipgrid.scenarios.results import Results, open_results
@@ -58,14 +62,18 @@ __all__ = [
     "At",
     "Breaker",
     "Capacitor",
+    "Carrier",
     "Choke",
     "CircuitRun",
     "Close",
     "CoupledInductors",
     "CurrentSource",
     "DcSource",
+    "DirectBridge",
     "Every",
     "FrequencyResponse",
+    "HalfBridge",
+    "HysteresisBridge",
     "InductiveDcSource",
     "LclFilter",
     "LinearModel",
@@ -91,7 +99,10 @@ __all__ = [
     "Terminal",
     "ThreePhaseSource",
     "ThreePoleBreaker",
+    "TimeStampedBridge",
+    "TimeStampedLeg",
     "Transformer",
+    "TwoLevelBridge",
     "__version__",
     "assemble",
     "component",
@@ -113,6 +124,7 @@ _HOMES = {
     "shipgrid.analysis.frequency_response": ("FrequencyResponse", "impedance", "loop_gain"),
     "shipgrid.analysis.linearise": ("LinearModel", "linearise"),
     "shipgrid.analysis.modes": ("Mode", "Modes"),
+    "shipgrid.components.converters.two_level_bridge": ("HalfBridge", "TwoLevelBridge"),
     "shipgrid.components.electrical.breaker": ("Breaker",),
     "shipgrid.components.electrical.capacitor": ("Capacitor",),
     "shipgrid.components.electrical.choke": ("Choke",),
@@ -132,7 +144,10 @@ _HOMES = {
     "shipgrid.io.ship_file": ("Ship", "load_ship"),
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
     "shipgrid.model.network": ("Across", "Every", "Network", "Pole", "Pole3", "Sampled"),
+    "shipgrid.modulators.averaged": ("DirectBridge",),
+    "shipgrid.modulators.hysteresis": ("HysteresisBridge",),
     "shipgrid.modulators.open_loop": ("SineModulation",),
+    "shipgrid.modulators.time_stamped": ("Carrier", "TimeStampedBridge", "TimeStampedLeg"),
     "shipgrid.scenarios.circuit": ("CircuitRun", "assemble"),
     "shipgrid.scenarios.events": ("At", "Close", "Open", "Set"),
     "shipgrid.scenarios.results": ("Results", "open_results"),

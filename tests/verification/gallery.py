@@ -1,8 +1,8 @@
 """The circuits of the gallery as netlists for ngspice, and what is compared of them.
 
-Each circuit is a dictionary of its parameters in SI, a netlist written from them, and the figures that are taken from
-its waves. The figures ask for waves by name and take times with them, so that both programs are measured by the same
-lines (`waves.py`).
+Each circuit is a dictionary of its parameters in SI (those of its example in `examples/circuits`), a netlist written
+from them, and the figures that are taken from its waves. The figures ask for waves by name and take times with them, so
+that both programs are measured by the same lines (`waves.py`).
 
 How the switches are modelled, for all of them alike:
 
@@ -23,10 +23,12 @@ How the switches are modelled, for all of them alike:
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,6 +51,16 @@ DIODE = """\
 .options method=gear
 .model junction d(is=1e-12 n=0.03 rs={R_on})
 """
+
+
+@cache
+def example(name: str) -> Any:
+    """Module of an example of the folder `examples/circuits`."""
+    path = Path(__file__).parents[2] / "examples" / "circuits" / f"plot_{name}.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @dataclass(frozen=True)
@@ -162,22 +174,7 @@ def buck_boost_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str,
     }
 
 
-BUCK_BOOST = {
-    "e": 474.0,  # V, battery at half charge
-    "R_b": 34.375e-3,
-    "C": 12e-6,
-    "R": 0.25,  # choke and switch
-    "L": 0.8e-3,
-    "f_sw": 5e3,
-    "s": 0.62,  # of the upper switch, constant
-    "C_dc": 10e-3,
-    "R_load": 18.75,  # 30 kW at 750 V
-    "R_step": 18.75,  # as much again
-    "t_step": 40e-3,
-    "t_end": 100e-3,
-    "v_dc_0": 735.5,  # steady state of the mean before the step
-    "R_on": 1e-3,
-}
+BUCK_BOOST = example("buck_boost").CASE | {"R_on": 1e-3}
 
 BUCK_BOOST_NAMES = {"i_l": "i(ll)", "v_dc": "v(dc)"}
 
@@ -281,25 +278,7 @@ def inverter_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str, f
     }
 
 
-INVERTER = {
-    "e": 750.0,
-    "R_s": 50e-3,
-    "L_s": 100e-6,
-    "C_dc": 5e-3,
-    "f": 60.0,
-    "f_sw": 1620.0,  # carrier at 1 at time zero
-    "f_sample": 3240.0,
-    "m": 0.5,  # modulation vector over v_dc, in force from each sampling instant on, m exp(j 2 pi f t)
-    "L_1": 0.761e-3,  # 0.742 pu of 596 kVA, 480 V
-    "R_1": 3e-3,
-    "R_d": 0.141,
-    "C": 480e-6,
-    "L_2": 92.3e-6,
-    "R_2": 2e-3,
-    "R_load": 1.15,  # 200 kW
-    "t_end": 4.0 / 60.0,
-    "R_on": 1e-3,
-}
+INVERTER = example("inverter").CASE | {"R_on": 1e-3}
 
 INVERTER_NAMES = {"i_1": "i(l1a)", "i_2": "i(l2a)", "v_dc": "v(dc)", "i_s": "i(ls)"}
 
@@ -345,17 +324,7 @@ def rectifier_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str, 
     }
 
 
-RECTIFIER = {
-    "e": 480.0 * math.sqrt(2.0 / 3.0),
-    "f": 60.0,
-    "L": 0.5e-3,
-    "R": 10e-3,
-    "C_dc": 5e-3,
-    "R_load": 6.0,
-    "v_dc_0": 620.0,
-    "t_end": 0.1,
-    "R_on": 1e-3,
-}
+RECTIFIER = example("diode_rectifier").CASE | {"R_on": 1e-3}
 
 RECTIFIER_NAMES = {"i_a": "i(lga)", "v_dc": "v(dc)"}
 
@@ -383,12 +352,12 @@ def short_circuit_netlist(p: dict[str, Any]) -> str:
 def short_circuit_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str, float]:
     t, i, v = w["time"], w["i_f"], w["v_dc"]
     highest, when = waves.peak(t, i, p["t_fault"], p["t_end"])
-    empty = (t > p["t_fault"]) & (v <= 0.0)
+    empty = int(np.argmax((t > p["t_fault"]) & (v <= 0.0)))
     phase, phase_when = waves.peak(t, w["i_a"], p["t_fault"], p["t_end"])
     return {
         "i_f peak": highest,
         "i_f peak at": when - p["t_fault"],
-        "v_dc zero at": float(t[empty][0]) - p["t_fault"],
+        "v_dc zero at": float(np.interp(0.0, v[[empty, empty - 1]], t[[empty, empty - 1]])) - p["t_fault"],
         "i_f at 2 ms": float(np.interp(p["t_fault"] + 2e-3, t, i)),
         "i_f at 5 ms": float(np.interp(p["t_fault"] + 5e-3, t, i)),
         "i_f mean of the last cycle": waves.mean(t, i, p["t_end"] - 1.0 / p["f"], p["t_end"]),
@@ -398,19 +367,9 @@ def short_circuit_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[s
     }
 
 
-SHORT_CIRCUIT = {
-    "e": 3.0 * 2.0 * math.pi * 7.5 * 2.595,  # V, the motor's at 450 rpm
-    "f": 22.5,
-    "L": 1.83e-3,
-    "R": 8e-3,
-    "C_dc": 10e-3,
-    "v_dc_0": 750.0,
-    "R_f": 10e-3,
-    "L_f": 20e-6,
-    "t_fault": 1e-3,
-    "t_end": 61e-3,
-    "R_on": 2e-5,  # diodes and fault switch: a thousandth of the fault's, since six diodes share its current later
-}
+SHORT_CIRCUIT = example(
+    "short_circuit"
+).CASE  # R_on: a thousandth of the fault's, since six diodes share its current later
 
 SHORT_CIRCUIT_NAMES = {"i_f": "i(lf)", "i_a": "i(lga)", "v_dc": "v(dc)"}
 
@@ -461,18 +420,7 @@ def motor_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str, floa
     }
 
 
-MOTOR = {
-    "v_dc": 750.0,
-    "e": 3.0 * 2.0 * math.pi * 7.5 * 2.595,
-    "f": 22.5,
-    "L": 1.83e-3,
-    "R": 10e-3,  # winding and switch
-    "i_ref": 490.7,  # peak, in phase with the emf
-    "band": 24.5,
-    "cycles": 4,
-    "t_end": 5.0 / 22.5,
-    "R_on": 2e-3,
-}
+MOTOR = example("motor").CASE | {"R_on": 2e-3}
 
 MOTOR_NAMES = {f"i_{k}": f"i(lg{k})" for k in "abc"} | {f"v_{k}": f"v(p{k})" for k in "abc"}
 

@@ -33,6 +33,8 @@ from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, pro
 if TYPE_CHECKING:
     import xarray
 
+NEVER = 2**62
+"""Steps between the rows of a group that has no signals."""
 MOST_VALUES = 50_000_000
 """Numbers a run may keep in memory: 400 MB."""
 
@@ -121,7 +123,7 @@ class RunnablePlan(Plan):
         run, memory = Run(watching, work), _Memory(every > 1)
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]
-        memory.append("plant", np.array([began]), value, value, value)
+        memory.append("plant", np.array([began]), value, value, value, value)
         go(run, lines, until, memory, said=_said, places=places_to_set(self))
         # every step was counted with the power at its end: half of what the first and the last differ by too much
         work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
@@ -152,14 +154,15 @@ class RunnablePlan(Plan):
         if every < 1 or every != int(every):
             raise ParameterError(f"every = {every!r} steps, expected a whole number from 1")
         recorded = np.array([self.layout.index[path] for path in sources.values()], dtype=np.int64)
-        nothing = np.zeros(0, dtype=np.int64)
-        step = self.step._replace(recorded=recorded, record_every=int(every), slow=nothing, audit_every=1)
+        step = self.step._replace(
+            recorded=recorded, n_plant=len(recorded), record_every=int(every), audit_every=1, slow_every=NEVER
+        )
         return dataclasses.replace(self, step=step)
 
     def _workspace(self, watching: Plan, start: Workspace | Mapping[str, float] | None) -> Workspace:
         work = new_workspace(watching)
         if isinstance(start, Workspace):
-            logs = ("rows", "value", "low", "high", "low_now", "high_now", "slow_value", "energy", "limiter_time")
+            logs = ("rows", "plant_rows", "slow_rows", "interval", "energy", "limiter_time")
             logs = (*logs, "event_step", "event_which", "event_value", "event_count")
             copied = start.snapshot()
             copied.step = copied.step._replace(**{name: getattr(work.step, name) for name in logs})
@@ -316,6 +319,7 @@ class _Memory:
         value: np.ndarray,
         low: np.ndarray | None = None,
         high: np.ndarray | None = None,
+        mean: np.ndarray | None = None,
     ) -> None:
         """Keep copies of rows of the group `plant`."""
         if group != "plant" or low is None or high is None:

@@ -1,0 +1,219 @@
+"""Waveforms between the steps of a switching run: the edges inside a step, and the currents on either side of them.
+
+A step carries a leg's mean switching function, so that the values at the ends of steps are right and the current in
+between is not on their chord. Where the leg switched is known, and with it the current: between two edges it is
+straight up to terms of second order in the step,
+
+    i(t) = chord(t) + r v_dc (S(t) - chord of S(t)),      S(t) = integral of s               (edges-1)
+
+`r` is the rate of the current per volt of the pole, 1/L of a choke. For a bridge S is a vector like s, alpha and beta;
+r then has the sign and the axis of the current.
+
+docs/theory/modulation.md, (modulation-3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shipgrid.errors import ParameterError
+from shipgrid.model.kernel import uncompiled
+from shipgrid.modulators.time_stamped import duty_ratios
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SwitchingFunction:
+    """Switching function of a leg over time, or a linear combination of several: constant between edges.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Start [s], then the edges, ascending.
+    value : ndarray, shape (n,)
+        From each of these times to the next; the last for ever.
+    """
+
+    time: Array
+    value: Array
+
+    def __post_init__(self) -> None:
+        if len(self.time) != len(self.value) or len(self.time) < 1 or np.any(np.diff(self.time) < 0.0):
+            raise ParameterError("a switching function needs as many values as times, and times that ascend")
+
+    @property
+    def edges(self) -> Array:
+        """Times [s] at which it changes."""
+        return self.time[1:][np.diff(self.value) != 0.0]
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Value just after each time [s]."""
+        return self.value[np.maximum(np.searchsorted(self.time, t, side="right") - 1, 0)]
+
+    def integral(self, t: ArrayLike) -> Array:
+        """Integral from the start to each time [s]."""
+        t = np.asarray(t, dtype=float)
+        done = np.concatenate([[0.0], np.cumsum(self.value[:-1] * np.diff(self.time))])
+        k = np.maximum(np.searchsorted(self.time, t, side="right") - 1, 0)
+        return done[k] + self.value[k] * (t - self.time[k])
+
+
+def combination(weights: Sequence[float], legs: Sequence[SwitchingFunction]) -> SwitchingFunction:
+    """Sum of switching functions times weights.
+
+    Parameters
+    ----------
+    weights : sequence of float
+    legs : sequence of SwitchingFunction
+        With a common start.
+
+    Returns
+    -------
+    SwitchingFunction
+    """
+    times = np.unique(np.concatenate([leg.time for leg in legs]))
+    return SwitchingFunction(times, sum((w * leg(times) for w, leg in zip(weights, legs, strict=True)), 0.0 * times))
+
+
+def alpha_beta(legs: Sequence[SwitchingFunction]) -> tuple[SwitchingFunction, SwitchingFunction]:
+    """Alpha and beta components of the three legs of a bridge."""
+    third = 1.0 / np.sqrt(3.0)
+    return combination((2.0 / 3.0, -1.0 / 3.0, -1.0 / 3.0), legs), combination((0.0, third, -third), legs)
+
+
+def of_carrier(time: ArrayLike, duty: ArrayLike, f_sw: float, end: float, shift: float = 0.0) -> SwitchingFunction:
+    """Switching function of a leg under a triangular carrier that is 1 at time zero.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        When each duty ratio comes into force [s], ascending.
+    duty : array_like, shape (n,)
+        Duty ratios; what lies beyond 0 or 1 is cut.
+    f_sw : float
+        Frequency of the carrier [Hz].
+    end : float
+        Until when [s].
+    shift : float
+        The carrier's lead, in periods.
+
+    Returns
+    -------
+    SwitchingFunction
+    """
+    start = np.atleast_1d(np.asarray(time, dtype=float))
+    m = np.clip(np.atleast_1d(np.asarray(duty, dtype=float)), 0.0, 1.0)
+    if len(start) != len(m) or f_sw <= 0.0:
+        raise ParameterError("of_carrier needs one duty ratio for each time, and a carrier that turns")
+    phase = start * f_sw + shift
+    until = np.append(start[1:], end) * f_sw + shift
+    place = phase - np.floor(phase)
+    on = np.where((place >= 0.5 * (1.0 - m)) & (place < 0.5 * (1.0 + m)), 1.0, 0.0)
+    found_t, found_s = [start], [np.where(m >= 1.0, 1.0, np.where(m <= 0.0, 0.0, on))]
+    longest = float(np.max(until - np.floor(phase)))
+    for n in range(int(np.ceil(longest))):
+        for sign, value in ((-1.0, 1.0), (1.0, 0.0)):
+            edge = np.floor(phase) + n + 0.5 * (1.0 + sign * m)
+            inside = (edge > phase) & (edge < until) & (m > 0.0) & (m < 1.0)
+            found_t.append((edge[inside] - shift) / f_sw)
+            found_s.append(np.full(np.count_nonzero(inside), value))
+    times, values = np.concatenate(found_t), np.concatenate(found_s)
+    order = np.argsort(times, kind="stable")
+    return _without_repeats(times[order], values[order])
+
+
+def of_bridge(
+    time: ArrayLike, alpha: ArrayLike, beta: ArrayLike, f_sw: float, end: float, *, injection: float = 1.0
+) -> list[SwitchingFunction]:
+    """Switching functions of the three legs of a bridge from its modulation vectors; as `of_carrier`.
+
+    Parameters
+    ----------
+    time, f_sw, end
+        As for `of_carrier`.
+    alpha, beta : array_like, shape (n,)
+        Modulation vectors.
+    injection : float
+        1 with min-max injection, 0 without.
+
+    Returns
+    -------
+    list of SwitchingFunction
+    """
+    vectors = zip(np.atleast_1d(alpha), np.atleast_1d(beta), strict=True)
+    duty = np.array([uncompiled(duty_ratios)(float(a), float(b), injection) for a, b in vectors])
+    return [of_carrier(time, leg, f_sw, end) for leg in duty.T]
+
+
+def of_means(time: ArrayLike, mean: ArrayLike, on: ArrayLike) -> SwitchingFunction:
+    """Switching function of a leg from its mean over each step and its position at the ends of steps.
+
+    One edge in a step lies where the mean puts it, exactly. Two have the right distance and are put around the middle.
+
+    Parameters
+    ----------
+    time : array_like, shape (n + 1,)
+        Ends of the steps [s], the first one's start before them.
+    mean : array_like, shape (n,)
+        Mean of each step, from 0 to 1.
+    on : array_like, shape (n + 1,)
+        1 while the upper switch is on, else 0, at each of these times.
+
+    Returns
+    -------
+    SwitchingFunction
+    """
+    t, s, x = (np.asarray(a, dtype=float) for a in (time, mean, on))
+    if not len(t) == len(x) == len(s) + 1:
+        raise ParameterError("of_means needs a mean for each step and a position at each of its ends")
+    h, before, after = np.diff(t), x[:-1], x[1:]
+    one = before != after
+    share = np.where(before > 0.5, s, 1.0 - s)  # of the step before the only edge
+    two = ~one & (np.abs(s - before) > 1e-12)
+    half = 0.5 * h * np.abs(s - before)
+    middle = 0.5 * (t[:-1] + t[1:])
+    times = np.concatenate([t[:1], t[:-1][one] + (h * share)[one], (middle - half)[two], (middle + half)[two]])
+    values = np.concatenate([x[:1], after[one], 1.0 - before[two], before[two]])
+    order = np.argsort(times, kind="stable")
+    return _without_repeats(times[order], values[order])
+
+
+def between_steps(
+    time: ArrayLike, value: ArrayLike, s: SwitchingFunction, rate: float, v_dc: ArrayLike
+) -> tuple[Array, Array]:
+    """A current with its edges: (edges-1).
+
+    Parameters
+    ----------
+    time, value : array_like, shape (n,)
+        Ends of steps [s], and the current there.
+    s : SwitchingFunction
+        Of the pole that drives it.
+    rate : float
+        Rate of the current per volt of the pole [A/(V s)]: 1/L of a choke that counts its current out of the pole.
+    v_dc : array_like, shape (n,)
+        Bus voltage at the ends of steps [V].
+
+    Returns
+    -------
+    times, values : ndarray
+        Ends of steps and edges, straight in between.
+    """
+    t, i = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
+    inside = s.edges[(s.edges > t[0]) & (s.edges < t[-1])]
+    every = np.unique(np.concatenate([t, inside]))
+    beside = s.integral(every) - np.interp(every, t, s.integral(t))
+    return every, np.interp(every, t, i) + rate * np.interp(every, t, v_dc) * beside
+
+
+def _without_repeats(times: Array, values: Array) -> SwitchingFunction:
+    """Without points at which nothing changes; of several at one time the last stands."""
+    last = np.append(np.diff(times) > 0.0, True)
+    times, values = times[last], values[last]
+    kept = np.append(True, np.diff(values) != 0.0)
+    return SwitchingFunction(times[kept], values[kept])
