@@ -22,7 +22,7 @@ def recorded(folder):
     with netCDF4.Dataset(folder / "results.nc") as file:
         return {
             f"{group}/{name}": np.asarray(variable[:])
-            for group in ("plant", "slow", "events")
+            for group in ("plant", "slow", "events", "waveforms/0")
             for name, variable in file[group].variables.items()
         }
 
@@ -34,6 +34,7 @@ def first(tmp_path_factory):
     said = shipgrid(
         *["run", "--until", "3 s", "--step", "70us", "--out", str(folder), "--no-report"],
         *["--set", "equipment.bess_for.capacity=100 Ah", "--set", "timeline.0.at=1 s"],
+        *["--waveforms", "2 s:2.2 s"],
     )
     assert said.exit_code == 0, said.output
     return folder, said
@@ -51,6 +52,9 @@ def test_a_run_repeated_from_its_run_yaml_is_bit_identical(first, tmp_path):
     settings = [sg.open_results(f).settings for f in (folder, tmp_path / "again")]
     assert settings[0] == settings[1]
     assert settings[0]["ship"]["equipment"]["bess_for"]["capacity"] == "100 Ah"
+    assert settings[0]["waveforms"] == ["2.0 s:2.2 s"] and len(a["waveforms/0/time"]) == 2858
+    v_a, v_pu = a["waveforms/0/ac_for.v_a"], a["plant/ac_for.v_pu"][20]
+    assert float(v_a.max()) == pytest.approx(400.0 * np.sqrt(2.0 / 3.0) * float(v_pu), rel=1e-2)
     energy = [json.loads((f / "summary.json").read_text())["energy"] for f in (folder, tmp_path / "again")]
     assert energy[0] == energy[1]
 

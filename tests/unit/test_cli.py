@@ -63,8 +63,10 @@ def test_options_reach_the_runner_in_si(simulated):
     result = shipgrid(
         *["run", "mission", "--ship", "ferry", "--step", "15us", "--until", "0.5min", "--out", "here", "--no-report"],
         *("--set", "equipment.bess_for.capacity=160 Ah"),
+        *("--waveforms", "10s:10.2s", "--waveforms", "0.02min:1500ms"),
     )
     assert result.exit_code == 0, result.output
+    assert made.asked.waveforms == [(10.0, 10.2), (1.2, 1.5)]
     assert (made.asked.step, made.asked.until, made.asked.out) == (15e-6, 30.0, Path("here"))
     assert made.asked.report is False
     assert made.asked.overrides == {"equipment.bess_for.capacity": "160 Ah"}
@@ -109,7 +111,11 @@ def test_the_exit_status_says_how_it_ended(simulated, answer, status):
         (["run", "--waveforms", "170s"], "--waveforms: '170s' is not a window, expected FROM:TO, such as 170s:170.2s"),
         (["run", "--waveforms", "17:18"], "--waveforms: '17' has no unit"),
         (["run", "--waveforms", "18s:17s"], "--waveforms: 18s:17s ends before it begins"),
-        (["run", "--waveforms", "17s:18s"], "--waveforms: this version records no phase quantities yet"),
+        (["run", "--waveforms", "17s:4000s"], "17 s to 4000 s is not within the run, expected an end up to 3400 s"),
+        (
+            ["run", "--waveforms", "1s:4s", "--until", "3s"],
+            "1 s to 4 s is not within the run, expected an end up to 3 s",
+        ),
         (["run", "--resume"], "--resume: this version cannot continue"),
         (["live"], "live: this version has no real-time execution yet"),
         (["list", "signal"], "nothing to list of the name 'signal' (nearest: 'signals')"),

@@ -18,7 +18,7 @@ from shipgrid.assembly.layout import ONE, Layout, lay_out
 from shipgrid.assembly.plausible import largest_plausible
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, fields_of, type_of
-from shipgrid.model.network import AcBus, DcBus, Every, Legs, Network, Placed, Sampled
+from shipgrid.model.network import AcBus, DcBus, Every, Legs, Network, Placed, PublicSignal, Sampled, Waveform
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
@@ -51,6 +51,7 @@ class StepPlan(NamedTuple):
     n_energy: int
     limiters: np.ndarray
     watched: np.ndarray
+    wave_source: np.ndarray  # places of the signals kept at every step of a waveform window
     tables: np.ndarray
     absurd: np.ndarray  # (flat vector,) magnitude of each signal beyond which the run has diverged
     # energy of the states that a position of a contact puts to zero: sum of s x_a x_b
@@ -76,6 +77,8 @@ class StepWork(NamedTuple):
     plant_rows: np.ndarray  # (4, rows, signals): values, and lows, highs, means since the row before
     slow_rows: np.ndarray
     interval: np.ndarray  # (signals, 3): low, high and sum since the last row
+    wave_row: np.ndarray  # (1,) next row of a waveform window, or -1 outside
+    wave_rows: np.ndarray  # (rows, signals)
     energy: np.ndarray
     limiter_time: np.ndarray  # (limiters, 3): seconds active, first time, times it came on
     limiter_was: np.ndarray
@@ -149,6 +152,8 @@ class Workspace:
 
 
 CHUNK_ROWS = 512
+WAVE_ROWS = 1024
+"""Steps of a waveform window between two visits of the runner."""
 EVENTS = 4096
 LEDGERS = ("losses", "supplied", "consumed")
 
@@ -222,6 +227,10 @@ def assemble(
     for name, public in network.published.items():
         layout.place(public.source, f"public signal {name}")
         groups[public.group].append(name)
+    waved = [*network.published.values(), *network.waveforms.values()]
+    for wave in waved:
+        for source, _ in terms_of(wave):
+            layout.place(source, f"waveform {wave.name}")
 
     def places(names: list[str]) -> np.ndarray:
         return np.array([layout.index[network.published[n].source] for n in names], dtype=np.int64)
@@ -246,6 +255,7 @@ def assemble(
         n_energy=len(energy_items),
         limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
         watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),
+        wave_source=np.unique([layout.index[s] for w in waved for s, _ in terms_of(w)]).astype(np.int64),
         tables=layout.tables,
         absurd=largest_plausible(layout),
         **drops,
@@ -314,6 +324,8 @@ def new_workspace(plan: Plan) -> Workspace:
         plant_rows=np.zeros((4, CHUNK_ROWS, n_plant)),
         slow_rows=np.zeros((4, CHUNK_ROWS, signals - n_plant)),
         interval=np.tile([np.inf, -np.inf, 0.0], (signals, 1)),
+        wave_row=np.full(1, -1, dtype=np.int64),
+        wave_rows=np.zeros((WAVE_ROWS, len(plan.step.wave_source))),
         energy=np.zeros(plan.step.n_energy),
         limiter_time=np.zeros((len(plan.step.limiters), 3)),
         limiter_was=np.zeros(len(plan.step.limiters)),
@@ -324,6 +336,11 @@ def new_workspace(plan: Plan) -> Workspace:
         event_count=np.zeros(1, dtype=np.int64),
     )
     return Workspace(0, sig, net, step)
+
+
+def terms_of(public: PublicSignal | Waveform) -> tuple[tuple[str, float], ...]:
+    """What a public quantity is the weighted sum of: paths, and what each is multiplied by."""
+    return public.terms if isinstance(public, Waveform) else ((public.source, 1.0),)
 
 
 def axis_weight(node: str) -> float:

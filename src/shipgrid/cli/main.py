@@ -294,10 +294,7 @@ def _case(
         problems.append(f"--step: {step} is out of range, expected {step_range()}")
     if until_s is not None and until_s <= 0.0:
         problems.append(f"--until: {until} is not after the start, expected a time after 0 s")
-    for text in waveforms:
-        _check_window(text, problems)
-    if waveforms:
-        problems.append("--waveforms: this version records no phase quantities yet, expected a run without")
+    windows = [window for text in waveforms if (window := _window(text, problems))]
     overrides = []
     for text in changes:
         path, equals, value = text.partition("=")
@@ -313,7 +310,7 @@ def _case(
             repeated = read_run_file(document, overrides)
             loaded_ship, loaded_scenario, overrides = repeated.ship, repeated.scenario, list(repeated.overrides.items())
             fidelity, step_s = fidelity or repeated.fidelity, step_s or repeated.step
-            until_s = until_s or repeated.until
+            until_s, windows = until_s or repeated.until, windows or list(repeated.waveforms)
             _say_version(scenario, repeated)
         else:
             loaded_ship, loaded_scenario = read_case(open_document("ship", ship or "ferry"), document, overrides)
@@ -322,9 +319,16 @@ def _case(
     if until_s is not None and until_s > loaded_scenario.duration:
         end = f"{loaded_scenario.duration:g} s"
         problems.append(f"--until: {until} is after the scenario's end, expected at most {end} (or --set duration)")
+    run_end = min(until_s or math.inf, loaded_scenario.duration)
+    for start, stop in windows:
+        if stop > run_end:
+            problems.append(
+                f"--waveforms: {start:g} s to {stop:g} s is not within the run, expected an end up to {run_end:g} s"
+            )
     if problems:
         raise InputErrors(problems)
     options: dict[str, Any] = {"fidelity": fidelity or FIDELITIES[0], "step": step_s, "until": until_s}
+    options |= {"waveforms": windows} if windows else {}
     return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
 
 
@@ -336,17 +340,20 @@ def _say_version(path: str, repeated: Any) -> None:
         typer.echo(f"{path} was written by shipgrid {repeated.version}, this is {shipgrid.__version__}", err=True)
 
 
-def _check_window(text: str, problems: list[str]) -> None:
+def _window(text: str, problems: list[str]) -> tuple[float, float] | None:
+    """From and to [s] of `170s:170.2s`; None, and a problem more, if it is no window."""
     from shipgrid.errors import ParameterError
     from shipgrid.io.quantities import parse_quantity
 
     try:
         start, end = (parse_quantity(part, "s") for part in text.split(":", 1))
-        if not 0.0 <= start < end:
-            problems.append(f"--waveforms: {text} ends before it begins or begins before 0 s, expected FROM:TO")
+        if 0.0 <= start < end:
+            return start, end
+        problems.append(f"--waveforms: {text} ends before it begins or begins before 0 s, expected FROM:TO")
     except (ParameterError, ValueError) as wrong:
         what = wrong if isinstance(wrong, ParameterError) else f"'{text}' is not a window"
         problems.append(f"--waveforms: {what}, expected FROM:TO, such as 170s:170.2s")
+    return None
 
 
 def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
@@ -359,7 +366,8 @@ def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
     console = Console(stderr=True)
     scenario, options = case.scenario, case.options
     end = options["until"] or scenario.duration
-    step = options["step"] or scenario.step or runner.DEFAULT_STEP
+    of_scenario = scenario.step if options["fidelity"] == "averaged" else None
+    step = options["step"] or of_scenario or runner.DEFAULT_STEP
     console.print(
         f"[bold]{scenario.name}[/] of {case.ship.name}: {end:g} s in {round(end / step):,} steps of {step * 1e6:g} us, "
         f"{options['fidelity']}; {len(scenario.events)} commands, {len(scenario.requirements)} requirements",

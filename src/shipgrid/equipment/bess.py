@@ -21,7 +21,7 @@ from shipgrid.equipment.declaration import Command, Published, as_in, equipment,
 from shipgrid.equipment.wiring import add_leg
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Sampled
+from shipgrid.model.network import Every, Sampled, Waveform
 from shipgrid.model.ops import absolute
 from shipgrid.units import (
     Ampere,
@@ -299,5 +299,15 @@ class Bess:
                 description=public.description,
                 group=public.group,
             )
+        net.publish_waveform(
+            Waveform(
+                f"{name}.s",
+                ((f"{name}.leg.s", 1.0),),
+                "1",
+                "switching function of the upper switch, mean of a step",
+                mean=True,
+                carrier=self.f_sw,
+            )
+        )
         net.watch_state(name, f"{sequence}.state", states=STATES)
         net.watch_refusal(name, f"{sequence}.refused", reasons=REFUSALS)

@@ -279,5 +279,11 @@ class Genset:
         for s in EQUIPMENT["genset"].signals:
             source = f"{name}.{sources.get(s.name, f'machine.{s.name}')}"
             net.publish(f"{name}.{s.name}", source=source, unit=s.unit, description=s.description, group=s.group)
+        v_alpha, v_beta = terminals.nodes
+        text = "voltage of the terminals to the star point"
+        net.publish_phases(f"{name}.v", alpha=v_alpha, beta=v_beta, unit="V", description=text)
+        axes = {axis: f"{name}.machine.i_{axis}" for axis in ("alpha", "beta")}
+        text = "current of the stator, out of the machine"
+        net.publish_phases(f"{name}.i", **axes, unit="A", description=text, sign=-1.0)
         net.watch_state(name, f"{name}.sequence.state", states=STATES)
         net.watch_refusal(name, f"{name}.sequence.refused", reasons=REFUSALS)

@@ -17,7 +17,7 @@ from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
 from shipgrid.equipment.breakers import trims_of
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
-from shipgrid.equipment.wiring import add_bridge
+from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Sampled
 from shipgrid.model.ops import absolute, clip, hypot
@@ -289,6 +289,14 @@ class Inverter:
         for signal_ in Inverter.__equipment__.signals:  # type: ignore[attr-defined]
             source = f"{name}.{sources[signal_.name]}.{signal_.name}"
             net.publish(f"{name}.{signal_.name}", source=source, unit=signal_.unit, description=signal_.description)
+        for stem, field, unit, text in (
+            ("i", "i_1", "A", "current of the bridge, from bridge to bar"),
+            ("i_g", "i_2", "A", "current of the transformer, from bridge to bar"),
+            ("v_c", "v_c", "V", "voltage of the filter's capacitor"),
+        ):
+            paths = {axis: f"{name}.filter.{axis}.{field}" for axis in axes}
+            net.publish_phases(f"{name}.{stem}", **paths, unit=unit, description=text, carrier=self.f_sw)
+        publish_bridge_voltage(net, name, f"{name}.filter", self.f_sw)
         net.watch_state(name, f"{name}.sequence.state", STATES)
         net.watch_refusal(name, f"{name}.sequence.refused", REFUSALS)
 

@@ -24,7 +24,7 @@ from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference
-from shipgrid.equipment.wiring import add_bridge
+from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Sampled
@@ -379,5 +379,13 @@ class Rectifier:
                 description=public.description,
                 group=public.group,
             )
+        for stem, field, unit, sign, text in (
+            ("i", "i_1", "A", -1.0, "current of the bridge, from genset to bridge"),
+            ("i_g", "i_2", "A", -1.0, "current of the transformer, from genset to bridge"),
+            ("v_c", "v_c", "V", 1.0, "voltage of the filter's capacitor"),
+        ):
+            paths = {axis: f"{name}.lcl.{axis}.{field}" for axis in ("alpha", "beta")}
+            net.publish_phases(f"{name}.{stem}", **paths, unit=unit, description=text, sign=sign, carrier=self.f_sw)
+        publish_bridge_voltage(net, name, f"{name}.lcl", self.f_sw)
         net.watch_state(name, f"{name}.sequence.state", states=STATES)
         net.watch_refusal(name, f"{name}.sequence.refused", reasons=REFUSALS)

@@ -52,6 +52,20 @@ def add_leg(
     return net.half_bridge(f"{name}.leg", HalfBridge(), bus, modulator=f"{name}.modulator")
 
 
+def publish_bridge_voltage(net: Network, name: str, lcl: str, f_sw: float) -> None:
+    """Publish the line voltages of a bridge as waveforms `name.v_ab` ..., from the LCL filter `lcl` behind it."""
+    net.publish_phases(
+        f"{name}.v",
+        alpha=f"{lcl}.alpha.v_conv",
+        beta=f"{lcl}.beta.v_conv",
+        unit="V",
+        description="voltage of the bridge, mean of a step",
+        lines=True,
+        mean=True,
+        carrier=f_sw,
+    )
+
+
 def _modulator(net: Network, name: str, f_sw: float, averaged: type, switching: type) -> tuple[Any, dict[str, str]]:
     """The modulator that the plant's fidelity asks for, and the inputs that it has from its carrier."""
     if net.fidelity == "averaged":

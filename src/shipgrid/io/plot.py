@@ -13,6 +13,8 @@ from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.scenarios.results import Results
 
 FORMATS = (".png", ".svg", ".pdf")
+GAP = 10.0
+"""Instants further apart than this many of their usual distances are not joined."""
 
 
 def plot(
@@ -51,7 +53,7 @@ def plot(
     if Path(out).suffix not in FORMATS:
         problems.append(f"{out}: is no picture, expected a name that ends in {', '.join(FORMATS)}")
     for name in signals:
-        series = run.series(name)
+        series = run.series(name, (start, end))
         if series is None:
             problems.append(_unknown(run, name))
         elif not np.any((series.time >= start) & (series.time <= end)):
@@ -68,7 +70,7 @@ def plot(
             # One row more on either side, so that a line runs on to the edge of the picture.
             first, last = np.searchsorted(s.time, [start, end])
             rows = slice(max(int(first) - 1, 0), int(last) + 1)
-            (line,) = ax.plot(s.time[rows], s.value[rows], label=name, linewidth=1.2)
+            (line,) = ax.plot(*_with_gaps(s.time[rows], s.value[rows]), label=name, linewidth=1.2)
             if s.low is not None and s.high is not None:
                 ax.fill_between(
                     s.time[rows], s.low[rows], s.high[rows], step="pre", alpha=0.25, color=line.get_color(), lw=0
@@ -83,6 +85,13 @@ def plot(
     figure.suptitle(run.name, fontsize="medium")
     figure.savefig(out, dpi=150)
     return Path(out)
+
+
+def _with_gaps(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The points of a line that is broken between two waveform windows."""
+    steps = np.diff(time)
+    after = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else []
+    return np.insert(time, after, np.nan), np.insert(value.astype(float), after, np.nan)
 
 
 def _unknown(run: Results, name: str) -> str:

@@ -9,9 +9,9 @@ from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.scenario_file import Scenario, read_case
 from shipgrid.io.ship_file import Ship, check_head
-from shipgrid.io.yaml_lines import Document, Problems, Scalar, Section, read_text
+from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
 
-KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "set", "ship", "scenario")
+KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "waveforms", "set", "ship", "scenario")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class RunFile:
         Of the program that ran it.
     overrides : dict of str to str
         The `--set` entries that are in the ship and the scenario already.
+    waveforms : tuple of (float, float)
+        Windows [s] in which every step was recorded.
     """
 
     ship: Ship
@@ -41,6 +43,7 @@ class RunFile:
     version: str
     commit: str
     overrides: dict[str, str]
+    waveforms: tuple[tuple[float, float], ...] = ()
 
 
 def is_run_file(document: Document) -> bool:
@@ -85,6 +88,15 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
     fidelity, step, until = text("fidelity", "averaged"), seconds("step"), seconds("until")
     version, commit = text("version", "that of the program"), text("commit", "that of the program")
     ship, scenario = (text(part, f"the text of the {part} file") for part in ("ship", "scenario"))
+    listed = root.get("waveforms")
+    windows = []
+    for item in listed.items if isinstance(listed, Listing) else ():
+        parts = item.text.split(":", 1) if isinstance(item, Scalar) else []
+        try:
+            start, end = (parse_quantity(part, "s") for part in parts)
+            windows.append((start, end))
+        except (ParameterError, ValueError):
+            problems.add(item.place, "waveforms", "is not a window, expected FROM:TO, such as 170 s:170.2 s")
     changed = root.get("set")
     earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}
     problems.raise_if_any()
@@ -95,4 +107,5 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
     if not 0.0 < until <= loaded_scenario.duration:
         end = f"{loaded_scenario.duration:g} s"
         raise InputErrors([f"{root.entries['until'].place}: until: is not within the scenario, expected up to {end}"])
-    return RunFile(loaded_ship, loaded_scenario, fidelity, step, until, version, commit, {**earlier, **dict(pairs)})
+    overridden = {**earlier, **dict(pairs)}
+    return RunFile(loaded_ship, loaded_scenario, fidelity, step, until, version, commit, overridden, tuple(windows))

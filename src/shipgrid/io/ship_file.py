@@ -221,6 +221,9 @@ class Ship:
                     BarMeter(v_n=bar.v_n, f_n=bar.f_n),
                     inputs={"v_alpha": f"{name}.v_alpha", "v_beta": f"{name}.v_beta"},
                 )
+                v_alpha, v_beta = (f"{name}.v_{axis}" for axis in ("alpha", "beta"))
+                text = "voltage of the bar to the star point"
+                network.publish_phases(f"{name}.v", alpha=v_alpha, beta=v_beta, unit="V", description=text)
                 for signal in bar.signals:
                     network.publish(
                         f"{name}.{signal.name}",

@@ -13,6 +13,9 @@ from shipgrid.model.kernel import kernel
 
 SQRT3_2 = math.sqrt(3.0) / 2.0
 
+PHASES = {"a": (1.0, 0.0), "b": (-0.5, SQRT3_2), "c": (-0.5, -SQRT3_2)}
+"""Each phase quantity as a weighted sum of its alpha-beta vector."""
+
 
 @kernel
 def abc_to_alpha_beta(a, b, c):

@@ -12,6 +12,7 @@ from typing import Any
 
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
+from shipgrid.model.frames import PHASES
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,31 @@ class PublicSignal:
 
 
 @dataclass(frozen=True)
+class Waveform:
+    """A quantity that is recorded in windows only, at every step: a weighted sum of signals.
+
+    Attributes
+    ----------
+    name : str
+        Public name.
+    terms : tuple of (str, float)
+        Paths of the signals, and what each is multiplied by.
+    unit, description : str
+    mean : bool
+        Whether its value is the mean over the step that ends at each instant, and not the value at the instant.
+    carrier : float
+        Frequency [Hz] of the carrier that shapes it; 0 without one.
+    """
+
+    name: str
+    terms: tuple[tuple[str, float], ...]
+    unit: str
+    description: str
+    mean: bool = False
+    carrier: float = 0.0
+
+
+@dataclass(frozen=True)
 class Watched:
     """A code signal whose changes are events, with the texts of its codes."""
 
@@ -177,6 +203,7 @@ class Network:
     legs: dict[str, Legs] = field(default_factory=dict, init=False)
     commands: dict[str, float] = field(default_factory=dict, init=False)
     published: dict[str, PublicSignal] = field(default_factory=dict, init=False)
+    waveforms: dict[str, Waveform] = field(default_factory=dict, init=False)
     watched: list[Watched] = field(default_factory=list, init=False)
 
     def dc_bus(self, name: str, v_n: float) -> DcBus:
@@ -457,6 +484,52 @@ class Network:
         if name in self.published:
             raise TopologyError(f"{self.name}: two public signals of the name '{name}'")
         self.published[name] = PublicSignal(name, source, unit, description, group)
+
+    def publish_waveform(self, waveform: Waveform) -> None:
+        """Make a quantity public in waveform windows, beside all public signals."""
+        if waveform.name in self.waveforms or waveform.name in self.published:
+            raise TopologyError(f"{self.name}: two public signals of the name '{waveform.name}'")
+        self.waveforms[waveform.name] = waveform
+
+    def publish_phases(
+        self,
+        stem: str,
+        *,
+        alpha: str,
+        beta: str,
+        unit: str,
+        description: str,
+        sign: float = 1.0,
+        lines: bool = False,
+        mean: bool = False,
+        carrier: float = 0.0,
+    ) -> None:
+        """Publish the three phase quantities of an alpha-beta pair as `<stem>_a` ..., or the differences `<stem>_ab` ...
+
+        Parameters
+        ----------
+        stem : str
+            Public name without the phase.
+        alpha, beta : str
+            Paths of the signals of the two axes.
+        unit, description : str
+            The phase is added to the description.
+        sign : float
+            What both are multiplied by: -1 turns the direction in which a current counts.
+        lines : bool
+            Whether to publish the differences between phases in place of the phases.
+        mean, carrier
+            As in `Waveform`.
+        """
+        of = PHASES
+        if lines:
+            of = {a + b: (of[a][0] - of[b][0], of[a][1] - of[b][1]) for a, b in ("ab", "bc", "ca")}
+        for phase, (on_alpha, on_beta) in of.items():
+            where = f"{'between phases ' + ' and '.join(phase) if lines else 'phase ' + phase}"
+            terms = tuple((path, sign * k) for path, k in ((alpha, on_alpha), (beta, on_beta)) if k != 0.0)
+            self.publish_waveform(
+                Waveform(f"{stem}_{phase}", terms, unit, f"{description}, {where}", mean=mean, carrier=carrier)
+            )
 
     def watch_state(self, owner: str, source: str, states: Mapping[int, str]) -> None:
         """Log each change of a sequence's state, with its name."""

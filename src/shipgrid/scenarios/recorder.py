@@ -35,8 +35,8 @@ LAYERS = (
 )
 """What may be kept of a signal: the ending of the variable's name, and its description."""
 
-Column = tuple[str, str, str]
-"""Name, unit and description of a signal."""
+Column = tuple[str, str, str] | tuple[str, str, str, Mapping[str, str | float]]
+"""Name, unit and description of a signal, and further attributes of its variable."""
 
 
 class Group:
@@ -48,7 +48,8 @@ class Group:
         self.time.units, self.time.long_name = "s", "time since the start of the scenario"
         if period is not None:
             group.period_s = period
-        self.group, self.columns = group, list(columns)
+        self.group, self.columns = group, [column[:3] for column in columns]
+        self.attributes = [dict(column[3]) if len(column) > 3 else {} for column in columns]
         self.layers: list[list[netCDF4.Variable]] = []
         self._add_layers(1)
         self.rows = 0
@@ -60,6 +61,7 @@ class Group:
         variable = self.group.createVariable(
             name, "f4", ("time",), zlib=True, complevel=1, shuffle=True, chunksizes=(CHUNK_ROWS,)
         )
+        variable.set_var_chunk_cache(size=2 * 4 * CHUNK_ROWS)  # the library's own keeps megabytes of each variable
         variable.units, variable.long_name = unit, text
         return variable
 
@@ -67,6 +69,8 @@ class Group:
         """Make the variables of the first `count` of `LAYERS` that are not there yet."""
         for ending, says in LAYERS[len(self.layers) : count]:
             self.layers.append([self._variable(n + ending, u, says.format(text)) for n, u, text in self.columns])
+        for variable, attributes in zip(self.layers[0], self.attributes, strict=True):
+            variable.setncatts(attributes)
 
     def append(self, time: np.ndarray, layers: Sequence[np.ndarray]) -> None:
         """Add rows: `time[n]`, and the first of `LAYERS`, each `[n, columns]`; as many as at the first time."""

@@ -86,6 +86,7 @@ class Results:
         summary = self.folder / "summary.json"
         self.summary: dict[str, Any] = json.loads(summary.read_text()) if summary.is_file() else {}
         self._where: dict[str, str] = {}
+        self._windows: dict[str, list[str]] = {}  # groups of the waveform windows that have a signal
         self._endings: dict[str, set[str]] = {}
         for name, group in _groups(self._file):
             if name in TABLES or "time" not in group.dimensions:
@@ -94,7 +95,9 @@ class Results:
                 base, _, ending = variable.rpartition("_")
                 if ending in ENDINGS and base in group.variables:
                     self._endings.setdefault(base, set()).add(ending)
-                elif variable != "time" and not (name.startswith("waveforms") and variable in self._where):
+                elif variable != "time" and name.startswith("waveforms"):
+                    self._windows.setdefault(variable, []).append(name)
+                elif variable != "time":
                     self._where[variable] = name
         self._datasets: dict[str, xarray.Dataset] = {}
 
@@ -113,8 +116,13 @@ class Results:
 
     @property
     def signals(self) -> list[str]:
-        """Names of all recorded signals."""
-        return sorted(self._where)
+        """Names of all recorded signals, phase quantities of waveform windows too."""
+        return sorted({*self._where, *self._windows})
+
+    @property
+    def windows(self) -> list[str]:
+        """Groups of the waveform windows, for `group`: each has every step of its time."""
+        return sorted({w for found in self._windows.values() for w in found}, key=lambda w: int(w.rpartition("/")[2]))
 
     def group(self, name: str) -> xarray.Dataset:
         """All signals of one sampling rate.
@@ -141,24 +149,40 @@ class Results:
         """One signal over time, with unit and description.
 
         `<signal>_min`, `<signal>_max` and `<signal>_mean` are extremes and mean of the interval before each instant.
+        A phase quantity is that of all waveform windows, one after the other; a public signal at every step of a
+        window is `run.group(run.windows[0])[signal]`.
         """
         base, _, ending = signal.rpartition("_")
         where = self._where.get(signal) or (self._where.get(base) if ending in self._endings.get(base, ()) else None)
+        if where is None and signal in self._windows:
+            import xarray
+
+            parts = [self.group(window)[signal] for window in self._windows[signal]]
+            return parts[0] if len(parts) == 1 else xarray.concat(parts, "time", combine_attrs="override")
         if where is None:
             raise ParameterError(f"no signal {signal!r} in {self.folder}{_nearest(signal, self.signals)}")
         return self.group(where)[signal]
 
     def __contains__(self, signal: str) -> bool:
-        return signal in self._where
+        return signal in self._where or signal in self._windows
 
-    def series(self, name: str) -> Series | None:
+    def series(self, name: str, within: tuple[float, float] | None = None) -> Series | None:
         """One signal as plain arrays with its extremes and means; None if it was not recorded.
 
         Parameters
         ----------
         name : str
             Its public name.
+        within : (float, float), optional
+            A time [s], from and to: a waveform window that has all of it is preferred.
         """
+        windows = [self._file[window] for window in self._windows.get(name, ())]
+        if within is not None or name not in self._where:
+            covering = [w for w in windows if within is not None and _covers(w, within)]
+            chosen = covering[:1] or ([] if name in self._where else windows)
+            if chosen:
+                time, value = (np.concatenate([np.asarray(w[v][:]) for w in chosen]) for v in ("time", name))
+                return Series(time, value, None, None, chosen[0][name].units, None)
         if name not in self._where:
             return None
         group = self._file[self._where[name]]
@@ -174,7 +198,7 @@ class Results:
         signal : str
             Its public name.
         """
-        return self._file[self._where[signal]][signal].long_name
+        return self._file[self._where.get(signal) or self._windows[signal][0]][signal].long_name
 
     @cached_property
     def events(self) -> list[Event]:
@@ -314,6 +338,15 @@ def _groups(dataset: Any, path: str = "") -> Iterable[tuple[str, Any]]:
         full = f"{path}/{name}" if path else name
         yield full, group
         yield from _groups(group, full)
+
+
+def _covers(window: Any, within: tuple[float, float]) -> bool:
+    """Whether a group has all of a time, but for what no step ends at."""
+    time = window["time"]
+    if len(time) < 2:
+        return False
+    step = float(time[1] - time[0])
+    return bool(time[0] - step < within[0] and within[1] < time[-1] + step)
 
 
 def _nearest(name: str, known: list[str]) -> str:

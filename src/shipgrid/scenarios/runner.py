@@ -10,7 +10,7 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -32,6 +32,7 @@ from shipgrid.model.network import Network
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import Results, citation_keys, open_results
+from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
@@ -137,6 +138,7 @@ def simulate(
     progress: Progress | None = None,
     planned: Callable[[float], None] | None = None,
     overrides: Mapping[str, str] | None = None,
+    waveforms: Sequence[tuple[float, float]] = (),
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
 
@@ -160,6 +162,8 @@ def simulate(
         Called once, before the first step, with the wall-clock time [s] that all steps will take, judged by a trial.
     overrides : mapping of str to str, optional
         `--set` entries the ship and the scenario were made with, for `run.yaml`.
+    waveforms : sequence of (float, float)
+        Windows [s], from and to, in which every step is recorded, phase quantities too.
 
     Returns
     -------
@@ -169,7 +173,7 @@ def simulate(
     Raises
     ------
     ParameterError
-        If fidelity, step, end or output folder cannot be used; nothing is written then.
+        If fidelity, step, end, a window or the output folder cannot be used; nothing is written then.
     SolverError
         If the run diverged; what was computed before is in the output folder.
     SteadyStateError
@@ -186,11 +190,12 @@ def simulate(
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     plan = build(ship, h, fidelity)
-    folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end))
+    windows = merged(waveforms, h, end)
+    folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end, windows))
     try:
         work, drift = start(plan, ship, scenario)
         about = provenance(plan)
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
         (folder.path / "run.yaml").write_text(text)
     except BaseException:
         folder.discard()
@@ -199,7 +204,7 @@ def simulate(
     if planned is not None:
         planned(time_of_a_step(plan, work) * round(end / h))
     try:
-        _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began)
+        _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began, windows)
     except (OSError, RuntimeError) as error:  # the disk is full, say
         raise SolverError(f"the results could not be written beyond {run.t:g} s: {error}") from error
     finally:  # what is on the disk is kept, whatever happened
@@ -243,6 +248,7 @@ def _record(
     about: Mapping[str, str],
     drift: float,
     began: float,
+    windows: Sequence[Window],
 ) -> None:
     """Run to the end, and write results and summary into a folder."""
     plan, work = run.plan, run.work
@@ -251,10 +257,13 @@ def _record(
         group: [(n, plan.network.published[n].unit, plan.network.published[n].description) for n in names]
         for group, names in plan.groups.items()
     }
-    with ResultsWriter(folder, columns, plan.record_period, about) as writer:
+    periods = plan.record_period | dict.fromkeys((w.group for w in windows), plan.h)
+    columns |= dict.fromkeys((w.group for w in windows), window_columns(plan))
+    with ResultsWriter(folder, columns, periods, about) as writer:
         _first_rows(run, writer)
         startup_s = time.perf_counter() - began
-        go(run, scenario.events, end, writer, progress, partial(command_text, ship), interlocks=Interlocks(ship, plan))
+        said, interlocks = partial(command_text, ship), Interlocks(ship, plan)
+        go(run, scenario.events, end, writer, progress, said, interlocks=interlocks, windows=windows)
         writer.events(run.events)
         limiters = limiter_rows(run)
         writer.limiters(limiters)
@@ -293,6 +302,7 @@ def go(
     said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
     places: Mapping[str, int] | None = None,
     interlocks: Interlocks | None = None,
+    windows: Sequence[Window] = (),
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -314,6 +324,8 @@ def go(
         Where in the flat vector what a path of the time-line names lies; commands if left out.
     interlocks : Interlocks, optional
         What may hold back a command; every command is obeyed if left out.
+    windows : sequence of Window
+        Where every step is recorded, each into its own group of the writer.
     """
     plan, work = run.plan, run.work
     places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
@@ -323,6 +335,8 @@ def go(
     pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
+    waves = WaveRecorder(plan, work, windows)
+    waves.first(writer)
     began = time.perf_counter()
     with _Interrupt() as interrupt:
         while work.n < last and not interrupt.asked:
@@ -331,7 +345,7 @@ def go(
                 _, path, value = pending.pop(0)
                 now_due[path] = value
             _command(run, interlocks, now_due, places, said)
-            stop = min(last, work.n + chunk, pending[0][0] if pending else last)
+            stop = min(last, work.n + chunk, pending[0][0] if pending else last, waves.until(work.n))
             if interlocks is not None and interlocks.held:
                 stop = min(stop, (work.n // look + 1) * look)  # whole multiples: the same in every run
             now = time.perf_counter()
@@ -339,6 +353,7 @@ def go(
             took = time.perf_counter() - now
             work.n += abs(done)
             _flush(run, writer)
+            waves.flush(work.n, writer)
             if done < 0:
                 run.failure = culprit(plan, work)
                 run.events.append((run.t, plan.network.name, run.failure))
@@ -540,9 +555,10 @@ def _git(folder: Path, *words: str) -> str:
     return done.stdout.strip()
 
 
-def _bytes_needed(plan: Plan, end: float) -> int:
+def _bytes_needed(plan: Plan, end: float, windows: Sequence[Window]) -> int:
     values = sum(BYTES_PER_VALUE * len(names) * end / plan.record_period[group] for group, names in plan.groups.items())
-    return int(values) + 4_000_000
+    rows = sum(window.last - window.first + 1 for window in windows)
+    return int(values) + rows * (4 * len(window_columns(plan)) + 8) + 4_000_000
 
 
 def _run_yaml(
@@ -553,6 +569,7 @@ def _run_yaml(
     end: float,
     overrides: Mapping[str, str],
     about: Mapping[str, str],
+    waveforms: Sequence[tuple[float, float]],
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
@@ -563,6 +580,7 @@ def _run_yaml(
         f"until: {end!r} s",
         f"version: {about['version']}",
         f"commit: {about['commit']}",
+        *(["waveforms:", *(f"  - {a!r} s:{b!r} s" for a, b in waveforms)] if waveforms else []),
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
         "ship: |2",  # the indentation said, whatever the text begins with

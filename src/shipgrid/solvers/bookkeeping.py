@@ -58,8 +58,16 @@ def record(
     plant_rows,
     slow_rows,
     audit_every,
+    wave_source,
+    wave_row,
+    wave_rows,
 ):
     """After step number `done`: keep extremes and sums, write rows that are due; true if the audit is due."""
+    if wave_row[0] >= 0:
+        row = wave_row[0]
+        for k in range(wave_source.shape[0]):
+            wave_rows[row, k] = sig[wave_source[k]]
+        wave_row[0] = row + 1
     for k in range(recorded.shape[0]):
         now = sig[recorded[k]]
         if now < interval[k, 0]:
