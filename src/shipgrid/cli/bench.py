@@ -35,9 +35,9 @@ def measure() -> dict[str, Any]:
     Returns
     -------
     dict
-        `cases`: by ship, scenario and fidelity, `cold` and `warm` start (`start_case`, and `process_s` from the start
-        of the process to its first step) and `steps` by step length (`step_times`); and the provenance. The first case of
-        a ship and fidelity starts with nothing compiled, `cold` is then with the compiler; the others find what that
+        `cases`, by ship, scenario and fidelity: `cold` and `warm` start (`start_case`, and `process_s` from the start
+        of the process to its first step) and `steps` by step length (`step_times`); and the provenance. The first case
+        of a ship and fidelity starts with nothing compiled, its `cold` is with the compiler; the others find what that
         one compiled.
     """
     from shipgrid.errors import InputErrors
