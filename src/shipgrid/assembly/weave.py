@@ -178,7 +178,7 @@ def weave(plan: Plan) -> str:
 
     for stage in STAGES:
         if stage == "network":
-            calls += _network(types, imported, function)
+            calls += _network(types, bool(plan.network.legs), imported, function)
         else:
             for t in (t for t in ordered if t.kind.stage == stage):
                 call = function(f"{stage}_{t.kind.key}", _call(t, imported))
@@ -344,9 +344,9 @@ def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
 
 
 def _network(
-    types: list[TypeLayout], imported: Callable[[Any, str], str], function: Callable[[str, list[str]], str]
+    types: list[TypeLayout], legs: bool, imported: Callable[[Any, str], str], function: Callable[[str, list[str]], str]
 ) -> list[str]:
-    """Calls of the network stage; the machines' part of it is made with `function`."""
+    """Calls of the network stage; the machines' part of it is made with `function`, the bridges' only if there are any."""
     machines = [t for t in types if t.kind.stamped]
 
     def machine_function(name: str, body_of: Callable[[TypeLayout], list[str]]) -> list[str]:
@@ -394,9 +394,9 @@ def _network(
             *stamps,
             _shared(nodal.machine_history),
             _shared(nodal.nodal_equations),
-            _shared(conduction.constrain),
+            *([_shared(conduction.constrain)] if legs else []),
             _shared(nodal.solve),
-            _shared(conduction.release),
+            *([_shared(conduction.release)] if legs else []),
             _shared(nodal.element_advance),
             *advances,
         ]
@@ -408,18 +408,23 @@ def _network(
         _shared(nodal.second_stage),
         *stage(machine_function("second_stamp", second)),
     ]
-    return [
+    begun = [
         _shared(bookkeeping.remember),
         _shared(nodal.begin_step),
-        _shared(conduction.set_legs),
         *["if moved[0] != 0:", f"    {_shared(bookkeeping.book_contacts)}"],
         *machine_function("begin", begin),
+    ]
+    ended = [*machine_function("finish", finish), f"bad = {_shared(nodal.finish_step)}"]
+    if not legs:
+        return [*begun, *once, *ended]
+    return [
+        *begun,
+        _shared(conduction.set_legs),
         "while True:",
         *(f"    {line}" for line in once),
         f"    if {_shared(conduction.settle_legs)}:",
         "        break",
-        *machine_function("finish", finish),
-        f"bad = {_shared(nodal.finish_step)}",
+        *ended,
         f"if {_shared(conduction.unsettled)}:",
         "    bad = n_nodes",
         _shared(conduction.meter_bridges),
