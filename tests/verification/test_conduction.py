@@ -9,9 +9,11 @@ import pytest
 
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
+from shipgrid.components.electrical.choke import Choke
 from shipgrid.components.machines.pmsm import Pmsm
+from shipgrid.errors import TopologyError
 from shipgrid.model.network import Network
 from shipgrid.solvers.conduction import ALL_AT_ONCE
 from verification.circuits import Gates, LegGates, SourceBranch, Wave
@@ -179,6 +181,49 @@ def test_a_short_circuited_bus_discharges_and_then_freewheels_through_the_diodes
         decay = np.log(found["fault.i"][after + 10] / found["fault.i"][-1]) / (t[-1] - t[after + 10])
         assert decay == pytest.approx(R_path / L, rel=10.0 * tolerance)
         assert found["bus.v_dc"].min() > -2.0 / 3.0 * bridge.R_d * 14.3e3
+
+
+@pytest.mark.parametrize("R", np.geomspace(0.05, 5.0, 12).tolist())
+def test_diodes_of_a_reversed_bus_let_go_again_and_their_losses_are_booked(R):
+    """A source behind R and 1 mH feeds the fault: it reverses the bus, the diodes take over, and then let go."""
+    net = Network("fed short circuit")
+    bus = net.dc_bus("bus", 750.0)
+    net.capacitance(bus, 10e-3)
+    net.add("gates", Gates())
+    poles = net.bridge("bridge", TwoLevelBridge(), bus, modulator="gates")
+    net.add_three_phase("choke", SourceBranch(R=0.1, L=1e-3), ports={"ends": poles})
+    net.add("fault", SourceBranch(R=10e-3, L=20e-6), ports={"ends": bus})
+    net.add("source", SourceBranch(R=R, L=1e-3), ports={"ends": bus}, inputs={"e": -750.0})
+    plan = assemble(net, 5e-6, audit=5e-6)
+    work = new_workspace(plan)
+    work.sig[plan.layout.index["bus.v_dc"]] = 750.0
+    settle_outputs(plan, work)
+    before = sum(stored_energy(plan, work).values())
+    rounds: list[int] = []
+    found = stepped(plan, work, 0.03, ["bus.v_dc", "bridge.i_r", "bridge.i_dc", "fault.i"], rounds)
+    carried = found["bridge.i_r"] > 0.0
+    assert carried.any()
+    assert not carried[-1]  # the source's current has taken over the fault, and the bus is positive
+    assert found["bus.v_dc"][-1] > 0.0
+    assert np.allclose(found["bridge.i_dc"][carried], -found["bridge.i_r"][carried], rtol=1e-9)
+    assert max(rounds) <= 3
+    ledger = dict(zip(plan.energy_items, work.step.energy, strict=True))
+    supplied = ledger["source", "supplied"]
+    lost = sum(value for (_, kind), value in ledger.items() if kind == "losses")
+    after = sum(stored_energy(plan, work).values())
+    assert ledger["bridge", "losses"] > 10.0
+    # rectangles of 5 us under a discharge of 0.65 ms, and what the solver's rule damps
+    assert before + supplied == pytest.approx(lost + after, rel=0.01)
+
+
+def test_two_bridges_at_one_element_are_refused():
+    net = Network("full bridge")
+    bus = net.dc_bus("bus", 750.0)
+    net.add("gates", LegGates())
+    ends = [net.half_bridge(name, HalfBridge(), bus, modulator="gates") for name in ("left", "right")]
+    net.add("choke", Choke(L=1e-3, R=0.1), ports=dict(zip(("a", "b"), ends, strict=True)))
+    with pytest.raises(TopologyError, match="left and right feed the same element"):
+        assemble(net, 30e-6)
 
 
 def test_a_blocked_leg_charges_a_dead_bus_in_one_half_wave_and_then_holds_it():

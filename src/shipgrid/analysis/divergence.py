@@ -23,8 +23,14 @@ def culprit(plan: Plan, work: Workspace) -> str:
     """
     sig, limit = work.sig, plan.step.absurd
     if unsettled.py_func(work.net.conduct):
-        bridges = ", ".join(plan.network.legs)
-        return f"conduction at {work.n * plan.h:.6f} s: no state of the legs of {bridges} agrees with their currents"
+        last = int(work.net.conduct[3])
+        node = plan.net.clamp_node[-1 - last] if last < 0 else plan.net.bridge_node[last]
+        bus = {int(place): name for name, place in plan.layout.index.items()}[int(plan.net.node_signal[node])]
+        what = f"the diodes across {bus}" if last < 0 else f"the legs of {list(plan.network.legs)[last]}"
+        return (
+            f"conduction at {work.n * plan.h:.6f} s: no state of {what} agrees with its current "
+            f"({bus} = {work.sig[plan.net.node_signal[node]]:.4g} V); a shorter step may find one"
+        )
     when = f"diverged at {work.n * plan.h:.6f} s"
     with np.errstate(invalid="ignore"):
         absurd = ~(np.abs(sig) <= limit)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shipgrid.assembly.contacts import energy_of_contacts
-from shipgrid.assembly.layout import ONE, Layout, lay_out
+from shipgrid.assembly.layout import ONE, ZERO, Layout, lay_out
 from shipgrid.assembly.plausible import largest_plausible
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, fields_of, type_of
@@ -203,6 +203,7 @@ def assemble(
         if not t.kind.linear:
             gathers[t.kind.key] = _gather(layout, t)
     net = _network_plan(network, layout, step)
+    _own_leads(layout, net, clock_of, gathers)
     gathers["network"] = _gather_sources(layout)
 
     energy_items = [
@@ -301,7 +302,7 @@ def new_workspace(plan: Plan) -> Workspace:
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),
         bridge_i0=np.zeros((bridges, 2)),
-        bridge_mean=np.zeros((bridges, 5)),
+        bridge_mean=np.zeros((bridges, 6)),
         constraint=np.zeros((bridges, 3)),
         inverse=np.zeros((bridges, 4)),
         target=np.zeros((bridges, 2)),
@@ -309,7 +310,7 @@ def new_workspace(plan: Plan) -> Workspace:
         right=np.zeros((bridges, 2, n + 1)),
         clamp=np.zeros(len(plan.net.clamp_node), dtype=np.int64),
         stage_share=np.zeros(2),
-        conduct=np.zeros(3, dtype=np.int64),
+        conduct=np.zeros(4, dtype=np.int64),
         moved=np.zeros(1, dtype=np.int64),
     )
     step = StepWork(
@@ -433,6 +434,36 @@ def _gather(layout: Layout, t: Any) -> dict[str, np.ndarray]:
         "latest_start": np.array(l_start, dtype=np.int64),
         "latest": np.array(latest, dtype=np.int64).reshape(-1, 2),
     }
+
+
+def _own_leads(
+    layout: Layout, net: NetworkPlan, clock_of: dict[str, np.ndarray], gathers: dict[str, dict[str, np.ndarray]]
+) -> None:
+    """Which lead belongs to each measured signal: its own, if the bridge's modulator has the reader's clock, else none.
+
+    A modulator gives the lead for the instants of its own clock (`conduction.lead_samples`); at a step's end there is
+    none, and between the instants of two clocks the chord has to do.
+    """
+    clock = {
+        layout.index[f"{placed.path}.{name}"]: int(clock_of[t.kind.key][k])
+        for t in layout.types
+        if "modulate" in t.kind.kernels
+        for k, placed in enumerate(t.placed)
+        for name in names_of(t.kind.output)
+    }
+    leg_of = {int(state): int(net.leg_first[b]) for state, b in zip(net.lead_state, net.lead_bridge, strict=True)}
+    leads = {state: clock.get(int(net.leg_lead[leg]), -1) for state, leg in leg_of.items()}
+    for t in layout.types:
+        gather = gathers.get(t.kind.key)
+        if gather is None:
+            continue
+        start, found = gather["measured_start"], np.full(len(gather["measured"]), ZERO, dtype=np.int64)
+        for k in range(len(t.placed)):
+            for j in range(start[k], start[k + 1]):
+                source = int(gather["measured"][j, 1])
+                if leads.get(source) == clock_of[t.kind.key][k]:
+                    found[j] = source
+        gather["measured_lead"] = found
 
 
 def _gather_sources(layout: Layout) -> dict[str, np.ndarray]:
@@ -610,7 +641,9 @@ def _bridges(
     found: dict[str, list[Any]] = {key: [] for key in ("lo", "hi", "lead", "port", "node", "weight", "s", "meter")}
     leg_first, related_first, related, touched_first, touched = [0], [0], [], [0], []
     clamps: dict[int, float] = {}
+    diodes: list[float] = []
     lead: list[tuple[int, int, int, float]] = []
+    at_poles: dict[int, str] = {}
     for b, legs in enumerate(network.legs.values()):
         ports = [pole_port.get(pole, []) for pole in legs.poles]
         if any(len(met) != 1 for met in ports):
@@ -629,13 +662,20 @@ def _bridges(
         found["s"].append([*places, places[0]][:2])
         found["meter"].append(layout.index[f"{legs.path}.i_dc"])
         firsts = sorted({port["first"][j] for j in poles})
+        for first in firsts:
+            other = at_poles.setdefault(first, legs.path)
+            if other != legs.path:
+                raise TopologyError(
+                    f"{other} and {legs.path} feed the same element: expected a bridge at one of its terminals only"
+                )
         related += [first + c for first in firsts for c in range(port["count"][first])]
         nodes = {k for j in related[related_first[-1] :] for k in (port["plus"][j], port["minus"][j])}
         touched += sorted(nodes | {node})
         related_first.append(len(related))
         touched_first.append(len(touched))
         diode = network.placed[legs.path].item.R_d
-        clamps[node] = clamps.get(node, 0.0) + 0.5 * len(legs.phases) / diode
+        diodes.append(0.5 * len(legs.phases) / diode)
+        clamps[node] = clamps.get(node, 0.0) + diodes[-1]
         lead += [(place, b, poles.index(j), rate) for place, j, rate in driven if j in poles]
     bridges = len(network.legs)
 
@@ -658,6 +698,8 @@ def _bridges(
         "touched": integers(touched),
         "clamp_node": integers(clamps),
         "clamp_g": np.array(list(clamps.values()), dtype=float),
+        "bridge_clamp": integers(list(clamps).index(node) for node in found["node"]),
+        "bridge_g": np.array(diodes, dtype=float),
         "lead_state": integers(k for k, *_ in lead),
         "lead_bridge": integers(b for _, b, _, _ in lead),
         "lead_axis": integers(axis for _, _, axis, _ in lead),

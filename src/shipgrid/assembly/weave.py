@@ -247,7 +247,7 @@ def _names(t: TypeLayout) -> list[str]:
     found += [f"{key}_n"] if kind.stamped else []
     found += [f"{key}_clock", f"{key}_weight"]
     if not kind.linear:
-        found += [f"{key}_{n}" for n in ("measured_start", "measured", "latest_start", "latest")]
+        found += [f"{key}_{n}" for n in ("measured_start", "measured", "latest_start", "latest", "measured_lead")]
     return found
 
 
@@ -282,7 +282,7 @@ def _gather_lines(key: str, at: str) -> list[str]:
             else [
                 f"    b = previous[{key}_measured[j, 1]]",
                 f"    a = sig[{key}_measured[j, 1]]",
-                f"    sig[{key}_measured[j, 0]] = b + f * (a - b) + lead[{key}_measured[j, 1]]",
+                f"    sig[{key}_measured[j, 0]] = b + f * (a - b) + lead[{key}_measured_lead[j]]",
             ]
         ),
     ]
@@ -346,7 +346,7 @@ def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
 def _network(
     types: list[TypeLayout], legs: bool, imported: Callable[[Any, str], str], function: Callable[[str, list[str]], str]
 ) -> list[str]:
-    """Calls of the network stage; the machines' part of it is made with `function`, the bridges' only if there are any."""
+    """Calls of the network stage; the machines' part of it is made with `function`, the bridges' if there are any."""
     machines = [t for t in types if t.kind.stamped]
 
     def machine_function(name: str, body_of: Callable[[TypeLayout], list[str]]) -> list[str]:

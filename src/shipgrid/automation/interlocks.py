@@ -19,6 +19,7 @@ DC tie closes below 10 V across, an AC tie in synchronism (`equipment/breakers.p
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -54,11 +55,10 @@ class Interlocks:
 
     def __init__(self, ship: Any, plan: Any):
         self.ship, self.index = ship, plan.layout.index
-        self.powers = {
-            name: self.index[plan.network.published[f"{name}.p_dc"].source]
-            for kind in ("propulsion", "inverter")
-            for name in ship.items(kind)
-        }
+        place = {name: self.index[signal.source] for name, signal in plan.network.published.items()}
+        # behind the bridges: on their DC side power is pulsed at switching fidelity, and zero in every zero vector
+        self.powers = {name: (place[f"{name}.tau_e"], place[f"{name}.omega_m"]) for name in ship.items("propulsion")}
+        self.powers |= {name: (place[f"{name}.p_ac"],) for name in ship.items("inverter")}
         self.held: dict[str, float] = {}
         self.said: dict[str, str] = {}
 
@@ -175,5 +175,10 @@ class Interlocks:
         return mode in (DROOP, VOLTAGE), i * (self._now(sig, f"{name}.converter.v_c") - item.R * i)
 
     def _load(self, sig: Any, group: list[str]) -> float:
-        """What drives and inverters take from a group of buses [W]."""
-        return sum(max(0.0, float(sig[k])) for name, k in self.powers.items() if self.ship.item(name).bus in group)
+        """What drives and inverters on a group of buses give to shafts and hotel grid [W]."""
+        taken = {
+            name: math.prod(float(sig[k]) for k in factors)
+            for name, factors in self.powers.items()
+            if self.ship.item(name).bus in group
+        }
+        return sum(max(0.0, power) for power in taken.values())

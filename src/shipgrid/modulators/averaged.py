@@ -12,7 +12,8 @@ instant, inside the step, is the one that flows there:
     lead = f s_before - f s = f (1 - f) (s_before - s_after)         (2)
 
 A modulator says which switching functions the gates leave possible, `lo` to `hi`: a driven leg leaves one, a blocked
-leg all from 0 to 1.
+leg all from 0 to 1, a leg of which one switch alone is driven those on one side. A reference beyond what the bus has is
+cut, leg by leg, and `limited` says so.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from __future__ import annotations
 import math
 
 from shipgrid.model import component, kernel, signal
-from shipgrid.model.ops import maximum, minimum
+from shipgrid.model.ops import clip, maximum, minimum
 from shipgrid.units import Ratio
 
 HALF_SQRT3 = 0.5 * math.sqrt(3.0)
+LIMIT = 1e-9
+"""A reference this much beyond 0 or 1 is over-modulated: less is rounding at the edge of the linear range."""
+LOWER, UPPER = 2.0, 3.0
+"""Values of a leg's `gates`: the lower switch alone (boost), the upper switch alone (buck)."""
 
 
 class LegState:
@@ -36,7 +41,7 @@ class LegInput:
     """Input of the half-bridge modulator."""
 
     s_ref: Ratio = signal("reference of the controller's last sampling instant")
-    gates: Ratio = signal("1: the gates are driven, 0: blocked", initial=1.0)
+    gates: Ratio = signal("0 blocked, 1 both switches driven, 2 the lower alone, 3 the upper alone", initial=1.0)
 
 
 class LegOutput:
@@ -45,21 +50,27 @@ class LegOutput:
     lo: Ratio = signal("least mean switching function of the coming step that the gates leave")
     hi: Ratio = signal("greatest mean switching function of the coming step that the gates leave")
     lead: Ratio = signal("volt-seconds up to the sampling instant ahead of their mean, over v_dc and the step")
+    limited: Ratio = signal("1 while the reference is beyond 0 or 1", limiter=True)
 
 
 @kernel
 def leg_modulate(fraction, x: LegState, u: LegInput, y: LegOutput):
     """Bounds of a step in which a new reference comes into force at `fraction` (none: below 0)."""
-    before = x.active
+    before = clip(x.active, 0.0, 1.0)
     y.lead = 0.0
     y.lo = before
     if fraction >= 0.0:
-        y.lo = fraction * before + (1.0 - fraction) * u.s_ref  # (1)
+        y.lo = fraction * before + (1.0 - fraction) * clip(u.s_ref, 0.0, 1.0)  # (1)
         y.lead = fraction * (before - y.lo)  # (2)
         x.active = u.s_ref
     y.hi = y.lo
-    if u.gates.real < 0.5:
-        y.lo, y.hi, y.lead = 0.0, 1.0, 0.0
+    y.limited = 1.0 if x.active > 1.0 + LIMIT or x.active < -LIMIT else 0.0
+    if u.gates < 0.5:
+        y.lo, y.hi, y.lead, y.limited = 0.0, 1.0, 0.0, 0.0
+    elif u.gates == LOWER:
+        y.lo = 0.0
+    elif u.gates == UPPER:
+        y.hi = 1.0
 
 
 class BridgeState:
@@ -89,6 +100,7 @@ class BridgeOutput:
     lead_a: Ratio = signal("volt-seconds up to the sampling instant ahead of their mean, over v_dc and the step, leg a")
     lead_b: Ratio = signal("volt-seconds up to the sampling instant ahead of their mean, over v_dc and the step, leg b")
     lead_c: Ratio = signal("volt-seconds up to the sampling instant ahead of their mean, over v_dc and the step, leg c")
+    limited: Ratio = signal("1 while a leg is cut: over-modulation", limiter=True)
 
 
 @kernel
@@ -96,10 +108,12 @@ def drive(alpha, beta, y):
     """Legs of a vector: half the bus each, the vector's phases, and the zero sequence that centres them (min-max)."""
     b = -0.5 * alpha + HALF_SQRT3 * beta
     c = -0.5 * alpha - HALF_SQRT3 * beta
-    centre = 0.5 - 0.5 * (maximum(alpha, maximum(b, c)) + minimum(alpha, minimum(b, c)))
-    y.lo_a = y.hi_a = centre + alpha
-    y.lo_b = y.hi_b = centre + b
-    y.lo_c = y.hi_c = centre + c
+    highest, lowest = maximum(alpha, maximum(b, c)), minimum(alpha, minimum(b, c))
+    centre = 0.5 - 0.5 * (highest + lowest)
+    y.lo_a = y.hi_a = clip(centre + alpha, 0.0, 1.0)
+    y.lo_b = y.hi_b = clip(centre + b, 0.0, 1.0)
+    y.lo_c = y.hi_c = clip(centre + c, 0.0, 1.0)
+    y.limited = 1.0 if highest - lowest > 1.0 + LIMIT else 0.0
 
 
 @kernel
@@ -107,7 +121,7 @@ def block(y):
     """Both gates of every leg blocked."""
     y.lo_a = y.lo_b = y.lo_c = 0.0
     y.hi_a = y.hi_b = y.hi_c = 1.0
-    y.lead_a = y.lead_b = y.lead_c = 0.0
+    y.lead_a = y.lead_b = y.lead_c = y.limited = 0.0
 
 
 @kernel

@@ -343,6 +343,8 @@ def go(
             now_due: dict[str, float] = {}
             while pending and pending[0][0] <= work.n:
                 _, path, value = pending.pop(0)
+                if path in now_due:  # the later of two commands of one step counts, and both are in the log
+                    run.events.append((run.t, path, said(path, now_due[path])))
                 now_due[path] = value
             _command(run, interlocks, now_due, places, said)
             stop = min(last, work.n + chunk, pending[0][0] if pending else last, waves.until(work.n))

@@ -22,7 +22,8 @@ directions; it is eliminated (Schur complement) from the elements' admittances b
 
 The last term of L is the bus's share in the power w n.i of a current that is being landed.
 
-Where a bus voltage reverses, both diodes of every leg on it conduct: a conductance across the bus as long as v_dc < 0.
+Where a bus voltage reverses, both diodes of every leg on it conduct: a conductance across the bus. Every step is tried
+without it first, and if the bus ends below zero, taken with it: which of the two holds is asked once.
 
 docs/theory/conduction.md.
 """
@@ -36,13 +37,17 @@ from shipgrid.solvers.companion import GAMMA
 
 DRIVEN, AT_LO, AT_HI, FLOATING = 0, 1, 2, 3
 ALL_AT_ONCE = 8
-"""Rounds in which all legs that fail change state; afterwards only the one that fails most, so that none cycle."""
+"""Rounds in which all legs that fail change state; afterwards only the first one that fails, so that none cycle."""
 ROUNDS = 48
 """Most rounds of a step. A step that is not settled then stops the run."""
 SMALL_A = 1e-9
 """Current [A] that counts as none: far above rounding, far below anything that acts."""
 SMALL = 1e-9
 """Share of the voltages by which a floating leg may pass its bounds."""
+SINGULAR = 1e-12
+"""Share of an element's own admittances below which nothing conducts along a direction: an open contact, rounding."""
+DEAD_V = 1.0
+"""Bus voltage [V] below which a bridge's power is not told from its current: no share of a landing is booked there."""
 SQRT3 = np.sqrt(3.0)
 AXIS = ((1.0, 0.0), (-0.5, 0.5 * SQRT3), (-0.5, -0.5 * SQRT3))
 """Axes of the phases a, b, c in the alpha-beta plane."""
@@ -90,12 +95,26 @@ def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, co
 
 @kernel
 def set_legs(
-    sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_port, port_i, bridge_i0, bridge_s, constraint, conduct
+    sig,
+    leg_first,
+    leg_lo,
+    leg_hi,
+    leg_state,
+    leg_s,
+    bridge_port,
+    port_i,
+    bridge_i0,
+    bridge_s,
+    constraint,
+    clamp,
+    conduct,
 ):
     """Start a step: bounds from the modulators, states from the last step, currents at the start.
 
-    `conduct` holds, of this step: free legs, rounds, legs that changed in the last round.
+    `conduct` holds, of this step: free legs, rounds, what changed in the last round, and the last bridge that did.
     """
+    for k in range(clamp.shape[0]):
+        clamp[k] = 0
     free = 0
     for b in range(bridge_port.shape[0]):
         first, last = leg_first[b], leg_first[b + 1]
@@ -136,7 +155,7 @@ def begin_round(
     stage_share[0] = 1.0 - GAMMA  # of the current at the step's start that is left at the stage's end
     stage_share[1] = 1.0 - GAMMA  # weight of the stage in means of the step
     for b in range(bridge_mean.shape[0]):
-        for k in range(5):
+        for k in range(6):
             bridge_mean[b, k] = 0.0
 
 
@@ -202,7 +221,8 @@ def constrain(
             continue
         if two:
             determinant = W_aa * W_bb - W_ab * W_ba
-            scale = 1.0 / determinant if determinant != 0.0 else 0.0
+            small = SINGULAR * (np.abs(W_aa * W_bb) + np.abs(W_ab * W_ba))
+            scale = 1.0 / determinant if np.abs(determinant) > small else 0.0
             inverse[b, 0] = W_bb * scale
             inverse[b, 1] = -W_ab * scale
             inverse[b, 2] = -W_ba * scale
@@ -211,7 +231,8 @@ def constrain(
             target[b, 1] = i_b - h_b
         else:
             G = p_a * (p_a * W_aa + p_b * W_ab) + p_b * (p_a * W_ba + p_b * W_bb)
-            inverse[b, 0] = 1.0 / G if G != 0.0 else 0.0
+            small = SINGULAR * (np.abs(W_aa) + np.abs(W_ab) + np.abs(W_ba) + np.abs(W_bb))
+            inverse[b, 0] = 1.0 / G if np.abs(G) > small else 0.0
             inverse[b, 1] = inverse[b, 2] = inverse[b, 3] = 0.0
             target[b, 0] = p_a * (i_a - history[A]) + p_b * (i_b - h_b)
             target[b, 1] = 0.0
@@ -244,7 +265,7 @@ def constrain(
                 right[b, 1, minus] -= c * bj
         dc = bridge_node[b]
         v_dc = v_stage[dc]
-        if stage_share[0] != 0.0 and np.abs(v_dc) > 1.0:
+        if stage_share[0] != 0.0 and np.abs(v_dc) > DEAD_V:
             left[0, dc] += bridge_weight[b] * i_a / v_dc
             left[1, dc] += bridge_weight[b] * i_b / v_dc
         for m in range(touched_first[b], touched_first[b + 1]):
@@ -285,10 +306,14 @@ def release(
     right,
     stage_share,
     bridge_mean,
+    bridge_clamp,
+    bridge_g,
+    clamp,
 ):
     """Add what was eliminated to the poles' voltages; means of the step of each bridge.
 
-    `bridge_mean[b]`: constrained part of the pole voltage (alpha, beta), v_dc, power out of the bus, current out of it.
+    `bridge_mean[b]`: constrained part of the pole voltage (alpha, beta), v_dc, power out of the bus, current out of it,
+    current up through the diodes of a reversed bus.
     """
     share = stage_share[1]
     for b in range(bridge_port.shape[0]):
@@ -324,8 +349,12 @@ def release(
         power *= bridge_weight[b]
         bridge_mean[b, 2] += share * v_dc
         bridge_mean[b, 3] += share * power
-        if np.abs(v_dc) > 1e-6:
+        if np.abs(v_dc) > DEAD_V:
             bridge_mean[b, 4] += share * power / v_dc
+        if clamp[bridge_clamp[b]] != 0:
+            bridge_mean[b, 3] += share * bridge_g[b] * v_dc * v_dc
+            bridge_mean[b, 4] += share * bridge_g[b] * v_dc
+            bridge_mean[b, 5] -= share * bridge_g[b] * v_dc
 
 
 @kernel
@@ -356,14 +385,13 @@ def settle_legs(
     """After a step: change the state of every leg that breaks (conduction-1); true if the step stands."""
     changed = 0
     for k in range(clamp.shape[0]):
-        wanted = 1 if v[clamp_node[k]] < -SMALL else 0
-        if wanted != clamp[k] and conduct[1] < ROUNDS:
-            clamp[k] = wanted
+        if clamp[k] == 0 and v[clamp_node[k]] < -SMALL:
+            clamp[k] = 1
             changed += 1
+            conduct[3] = -1 - k
     if conduct[0] == 0 and changed == 0:
         return True
     one_by_one = conduct[1] >= ALL_AT_ONCE
-    worst, worst_leg, worst_state = 0.0, -1, 0
     for b in range(bridge_port.shape[0]):
         first, last = leg_first[b], leg_first[b + 1]
         n_legs = last - first
@@ -371,7 +399,7 @@ def settle_legs(
         for k in range(first, last):
             if leg_state[k] != DRIVEN:
                 any_free = True
-        if not any_free:
+        if not any_free or (one_by_one and changed > 0):
             continue
         A, B = bridge_port[b, 0], bridge_port[b, 1]
         row = part_start[5] + port_w[A]
@@ -388,6 +416,7 @@ def settle_legs(
         pole_b = (coefficient[B] * v_dc + bridge_mean[b, 1]) if B >= 0 else 0.0
         v_dc = max(v_dc, 0.0)
         tolerance = SMALL * (v_dc + np.abs(pole_a) + np.abs(pole_b)) + SMALL
+        before = changed
         # the negative rail's potential against the star point: from a leg that conducts, or from what all allow
         rail, reference = 0.0, -1
         if n_legs == 3:
@@ -407,52 +436,36 @@ def settle_legs(
                         high, highest = sig[leg_hi[first + k]] * v_dc - phase, k
                 rail = 0.5 * (low + high)
                 if low > high + tolerance:  # the bus is below the line voltage: two diodes conduct
-                    conduct_now = not one_by_one
-                    if one_by_one and low - high > worst:
-                        conduct_now = True
-                    if conduct_now:
-                        leg_state[first + lowest] = AT_LO
-                        leg_state[first + highest] = AT_HI
-                        changed += 1
-                        place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
-                    continue
-        moved = False
-        for k in range(n_legs):
-            leg = first + k
-            state = leg_state[leg]
-            if state == DRIVEN:
-                continue
-            axis = AXIS[k]
-            lo, hi = sig[leg_lo[leg]], sig[leg_hi[leg]]
-            wanted, by = state, 0.0
-            if state == FLOATING:
-                potential = axis[0] * pole_a + axis[1] * pole_b + rail
-                if potential > hi * v_dc + tolerance:
-                    wanted, by = AT_HI, potential - hi * v_dc
-                elif potential < lo * v_dc - tolerance:
-                    wanted, by = AT_LO, lo * v_dc - potential
-                elif v_dc > 1.0:
-                    leg_s[leg] = potential / v_dc
-            else:
-                i = axis[0] * i_a + axis[1] * i_b
-                if (state == AT_LO and i < -SMALL_A) or (state == AT_HI and i > SMALL_A):
-                    wanted, by = FLOATING, np.abs(i)
-            if wanted != state:
-                if one_by_one:
-                    if by > worst:
-                        worst, worst_leg, worst_state = by, leg, wanted
-                else:
-                    leg_state[leg] = wanted
-                    moved = True
+                    leg_state[first + lowest] = AT_LO
+                    leg_state[first + highest] = AT_HI
                     changed += 1
-        if moved:
+        if changed == before:
+            for k in range(n_legs):
+                leg = first + k
+                state = leg_state[leg]
+                if state == DRIVEN or (one_by_one and changed > before):
+                    continue
+                axis = AXIS[k]
+                lo, hi = sig[leg_lo[leg]], sig[leg_hi[leg]]
+                wanted = state
+                if state == FLOATING:
+                    potential = axis[0] * pole_a + axis[1] * pole_b + rail
+                    if potential > hi * v_dc + tolerance:
+                        wanted = AT_HI
+                    elif potential < lo * v_dc - tolerance:
+                        wanted = AT_LO
+                    elif v_dc > DEAD_V:
+                        leg_s[leg] = potential / v_dc
+                else:
+                    i = axis[0] * i_a + axis[1] * i_b
+                    if (state == AT_LO and i < -SMALL_A) or (state == AT_HI and i > SMALL_A):
+                        wanted = FLOATING
+                if wanted != state:
+                    leg_state[leg] = wanted
+                    changed += 1
+        if changed > before:
+            conduct[3] = b
             place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
-    if worst_leg >= 0:
-        leg_state[worst_leg] = worst_state
-        changed += 1
-        for b in range(bridge_port.shape[0]):
-            if leg_first[b] <= worst_leg < leg_first[b + 1]:
-                place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, constraint)
     conduct[1] += 1
     conduct[2] = changed
     return changed == 0 or conduct[1] >= ROUNDS
@@ -481,6 +494,7 @@ def meter_bridges(sig, leg_first, leg_s, leg_state, bridge_port, bridge_s, bridg
         sig[m + 1] = bridge_mean[b, 3]
         sig[m + 2] = -bridge_mean[b, 4]
         sig[m + 3] = -bridge_mean[b, 3]
+        sig[m + 4] = bridge_mean[b, 5]
 
 
 @kernel

@@ -95,6 +95,8 @@ class NetworkPlan(NamedTuple):
     touched: np.ndarray
     clamp_node: np.ndarray  # (DC buses with bridges,) and the conductance of all their diodes
     clamp_g: np.ndarray
+    bridge_clamp: np.ndarray  # (bridges,) which of those buses, and what the bridge's own diodes conduct
+    bridge_g: np.ndarray
     lead_state: np.ndarray  # (states that a pole drives directly,) place, bridge, axis, d(dx/dt)/d(pole voltage)
     lead_bridge: np.ndarray
     lead_axis: np.ndarray
@@ -128,7 +130,7 @@ class NetworkWork(NamedTuple):
     leg_state: np.ndarray  # (legs,) driven, at its lower or upper bound, floating
     leg_s: np.ndarray  # (legs,) switching function in force
     bridge_i0: np.ndarray  # (bridges, 2) currents of the poles at the step's start
-    bridge_mean: np.ndarray  # (bridges, 5) see `conduction.release`
+    bridge_mean: np.ndarray  # (bridges, 6) see `conduction.release`
     constraint: np.ndarray  # (bridges, 3) number of constrained directions, and the direction if it is one
     inverse: np.ndarray  # (bridges, 4) G^-1 of (conduction-3)
     target: np.ndarray  # (bridges, 2) t
@@ -136,7 +138,7 @@ class NetworkWork(NamedTuple):
     right: np.ndarray  # (bridges, 2, nodes + 1) R
     clamp: np.ndarray  # (DC buses with bridges,) 1 while their voltage is reversed
     stage_share: np.ndarray  # (2,) see `conduction.begin_round`
-    conduct: np.ndarray  # (3,) see `conduction.set_legs`
+    conduct: np.ndarray  # (4,) see `conduction.set_legs`
     moved: np.ndarray  # (1,) 1 once a contact has moved, until the books have it
 
 

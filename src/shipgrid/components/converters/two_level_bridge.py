@@ -18,7 +18,7 @@ Source: docs/theory/conduction.md.
 
 from __future__ import annotations
 
-from shipgrid.model import component, param, signal
+from shipgrid.model import component, kernel, param, signal
 from shipgrid.units import Ampere, Ohm, Ratio, Watt
 
 
@@ -29,9 +29,17 @@ class BridgeOutput:
     p_dc: Watt = signal("power out of the bus into the bridge, mean of the step")
     i_fed: Ampere = signal("the same current counted into the bus")
     p_fed: Watt = signal("the same power counted into the bus")
+    i_r: Ampere = signal(
+        "current up through the diodes of every leg while the bus voltage is reversed, mean of the step"
+    )
 
 
-@component(output=BridgeOutput, stage="network")
+@kernel
+def bridge_losses(y: BridgeOutput, p: TwoLevelBridge):
+    return 2.0 / 3.0 * p.R_d * y.i_r**2
+
+
+@component(output=BridgeOutput, losses=bridge_losses, stage="network", passive=True)
 class TwoLevelBridge:
     """Three legs between the poles of a DC bus, feeding a three-wire element."""
 
@@ -46,9 +54,17 @@ class LegOutput:
     p_dc: Watt = signal("power out of the bus into the leg, mean of the step")
     i_fed: Ampere = signal("the same current counted into the bus")
     p_fed: Watt = signal("the same power counted into the bus")
+    i_r: Ampere = signal(
+        "current up through the diodes of every leg while the bus voltage is reversed, mean of the step"
+    )
 
 
-@component(output=LegOutput, stage="network")
+@kernel
+def leg_losses(y: LegOutput, p: HalfBridge):
+    return 2.0 * p.R_d * y.i_r**2
+
+
+@component(output=LegOutput, losses=leg_losses, stage="network", passive=True)
 class HalfBridge:
     """One leg between the poles of a DC bus, its current returning to the negative rail."""
 
