@@ -51,7 +51,8 @@ def test_the_report_has_the_harmonics_of_each_three_phase_set(run):
     (window,) = windows_of(run)
     assert window["names"] == ["rectifier_for.i_a", "rectifier_for.v_c_a"], "what is dead has none"
     facts = dict(window["sets"][0]["facts"])
-    assert facts["fundamental"] == "59.300 Hz" and facts["peak"] == "80 A"
+    assert facts["fundamental"] == "59.300 Hz"
+    assert float(facts["peak"].split()[0]) == pytest.approx(80.0, abs=0.02)  # a leak as well
     # what the side line, 0.3 orders from the 25th, leaks into that one's subgroup comes to the 5 %
     assert 5.0 <= float(facts["THD"].split()[0]) < 5.5
     assert facts["all distortion"] == f"{100 * math.hypot(0.05, 0.1):.2f} %"
