@@ -140,7 +140,7 @@ def test_every_edge_of_a_chopper_agrees_with_order_two():
     names = ["high.v_dc", "low.v_dc", "feed.i", "choke.i", "tie.i"]
     found = [np.array(list(difference(*chopper(step), 6e-3, names).values())) for step in (30e-6, 15e-6, 7.5e-6)]
     for coarse, fine in pairwise(found):
-        assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.7), found
+        assert np.log2(coarse / fine) == pytest.approx(2.0, abs=0.5), found  # edges fall anywhere in a step
     assert found[0].max() < 3e-3
 
 
