@@ -116,6 +116,8 @@ def test_the_exit_status_says_how_it_ended(simulated, answer, status):
             ["run", "--waveforms", "1s:4s", "--until", "3s"],
             "1 s to 4 s is not within the run, expected an end up to 3 s",
         ),
+        (["run", "--reference"], "--reference: needs the window to run with both solvers, expected one --waveforms"),
+        (["run", "--reference", "--waveforms", "9.9s:10.1s"], "--reference: a command comes at 10 s"),
         (["run", "--resume"], "--resume: this version cannot continue"),
         (["live"], "live: this version has no real-time execution yet"),
         (["list", "signal"], "nothing to list of the name 'signal' (nearest: 'signals')"),

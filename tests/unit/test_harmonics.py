@@ -116,3 +116,11 @@ def test_a_current_without_edges_stays_as_it_is():
     for s in (np.full(len(t), 0.6), np.ones(len(t))):
         same = corners(t, i, s)
         assert same[0] is t and same[1] is i
+
+
+def test_the_carrier_of_a_slow_motor_is_not_its_fundamental():
+    """Two turns in the window, and a larger line at 1.8 kHz."""
+    t, y = wave(8.0, {1: (100.0, 0.0), 225: (150.0, 0.0)})
+    assert fundamental(t, y) is None
+    t, y = wave(15.0, {1: (100.0, 0.0), 120: (150.0, 0.0)})
+    assert fundamental(t, y) == pytest.approx(15.0, rel=1e-3)

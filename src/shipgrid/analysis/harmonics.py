@@ -1,7 +1,8 @@
 """What a waveform consists of: fundamental, harmonics, distortion, lines around the carrier, ripple.
 
-**Fundamental.** The largest line of the Hann-windowed spectrum gives a first guess; then the advance of the phase
-between two neighbouring stretches of whole cycles, divided by the time between them, corrects it until it stands.
+**Fundamental.** The largest line of the Hann-windowed spectrum up to 450 Hz gives a first guess; then the advance of
+the phase between two neighbouring stretches of whole cycles, divided by the time between them, corrects it until it
+stands. A window with fewer than three cycles of the largest line has no fundamental.
 
 **Harmonics**, in the manner of [IEC61000.4.7]: a rectangular interval of whole cycles, those that come nearest to the
 standard's 0.2 s from below (11 or 12 of 60 Hz), has lines every 1/N of the fundamental. A harmonic is the subgroup of
@@ -36,6 +37,8 @@ SUBGROUPED = 5
 """Cycles from which a harmonic is its line with both neighbours: below, these belong to nothing in particular."""
 LEAST_CYCLES = 3.0
 """Fewer cycles than this in a window, and its fundamental is not looked for."""
+HIGHEST = 450.0
+"""Highest fundamental [Hz] that is looked for: grids of 50, 60 and 400 Hz, motors; beyond are carriers."""
 NOTHING = 1e-6
 """A waveform whose alternating part is this share of its mean, or less, has no fundamental."""
 FULL = 1e-6
@@ -162,9 +165,10 @@ def fundamental(time: np.ndarray, value: np.ndarray) -> float | None:
     size = np.abs(np.fft.rfft(alternating * np.hanning(len(time)), n))
     span = n * h
     lowest = math.ceil(LEAST_CYCLES * n / len(time))
-    if lowest >= len(size) - 1 or np.argmax(size) < lowest - 4:  # something slower than the window is larger
+    size = size[: min(len(size) - 1, math.ceil(HIGHEST * span))]
+    k = int(np.argmax(size))
+    if k < lowest - 4:  # something slower than the window is larger
         return None
-    k = lowest + int(np.argmax(size[lowest:-1]))
     f = k / span
     for _ in range(20):
         cycles = math.floor(0.5 * f * (time[-1] - time[0]) + 1e-9)

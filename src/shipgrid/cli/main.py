@@ -68,12 +68,18 @@ def run(
     waveforms: WaveformsOption = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    reference: Annotated[
+        bool, typer.Option("--reference", help="Run a window with the reference solver too and print the differences.")
+    ] = False,
 ) -> None:
     """Run a scenario offline, as fast as it goes; or repeat a run, given the run.yaml in its folder."""
     with _errors_as_exit_status():
         case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
         if resume:
             _refuse("--resume: this version cannot continue an interrupted run yet; its results so far are kept")
+        if reference:
+            _against_reference(case)
+            return
         results = _simulate(case, out, report=not no_report)
         _say_results(results)
         if results.summary.get("interrupted"):
@@ -395,6 +401,30 @@ def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
         return runner.simulate(
             case.ship, scenario, out=out, report=report, progress=progress, planned=planned, **options
         )
+
+
+def _against_reference(case: Case) -> None:
+    """Run the window of `--waveforms` with both solvers and print how far each signal differs; nothing is written."""
+    from shipgrid.cli import listing
+
+    windows = case.options.get("waveforms", [])
+    if len(windows) != 1:
+        _refuse("--reference: needs the window to run with both solvers, expected one --waveforms FROM:TO")
+    from shipgrid.scenarios.against_reference import against_reference
+
+    start, end = windows[0]
+    took = (
+        f"{1e3 * (end - start):g} ms with the reference solver, seconds of computing for each; no results are written"
+    )
+    typer.echo(took, err=True)
+    fidelity, step = case.options["fidelity"], case.options["step"]
+    found = against_reference(case.ship, case.scenario, windows[0], fidelity=fidelity, step=step)
+    rows = [
+        (d.signal, d.unit, f"{d.largest:.3g}", f"{d.at:.6g}", f"{d.rms:.3g}", f"{d.size:.4g}", f"{d.relative:.1e}")
+        for d in found
+    ]
+    heads = ("signal", "unit", "largest difference", "at, s", "rms", "largest value", "relative")
+    listing.table("fast solver minus reference solver", heads, rows)
 
 
 def _duration(seconds: float) -> str:

@@ -19,6 +19,7 @@ import jinja2
 
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import POINTS, bars_of, panels_of
+from shipgrid.io.waves import windows_of
 from shipgrid.scenarios.results import Results
 
 JOULE_PER_KWH = 3.6e6
@@ -96,6 +97,7 @@ def render(run: Results) -> str:
         diagram=one_line(ship),
         data=json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
         reduced=reduction(panels),
+        windows=windows_of(run),
         energy=energy_table(run.summary.get("energy") or {}),
         events_shown=EVENTS_SHOWN,
         provenance=provenance(run),

@@ -12,9 +12,15 @@ continuous components), which SciPy's Radau method of order five integrates to a
 S holds, port by port, the node, its sign, the weight and the switching function. (3) is the time derivative of
 (2) at a node that only inductances meet; it is linear in v, since every element's di/dt is.
 
-What is discrete happens at its exact instant: sampled controllers, references put in force (so that a switching
-function is constant between instants and nothing is averaged over a step), clocks of whole steps at the same
-multiples of the step. Components that run every step are discrete at the step by the plan's own definition.
+What is discrete happens at its exact instant: sampled controllers, references put in force, edges of switches,
+clocks of whole steps at the same multiples of the step. Components that run every step are discrete at the step by
+the plan's own definition.
+
+Switching functions are 0 or 1 (averaged: constant) in between. A modulator gives their means over any interval that
+holds no instant of its own; where such a mean is not what it is over the interval's very beginning, there is an edge,
+and bisection ends the interval there, to a millionth of a step. Hysteresis control predicts its edges from the
+currents at the interval's beginning, which is anew after every edge and every step. There are no diodes here: a leg
+with blocked gates is refused if current can flow behind it.
 Continuous components with a slower clock, and what they read, are continuous here; so the comparison shows what
 holding their inputs over a period costs.
 
@@ -49,6 +55,10 @@ UNIT_SCALE = {"V": 10.0, "A": 10.0}
 """Size of a state by its unit, for the absolute tolerance; others are per unit, angles and the like: 0.1."""
 JACOBIAN_LIFE = 40
 """Segments for which a Jacobian is used again: it only steers Newton's iteration and never the result."""
+EDGE = Fraction(1, 2**20)
+"""How closely, in steps, an edge is bracketed: 30 ps of 30 us. Its volt-seconds are exact all the same."""
+CONSTANT = 1e-7
+"""Means of a switching function that differ by less are one."""
 PASSES = 8
 """Most times that outputs which read each other are evaluated until none changes."""
 SINGULAR = 1e-10
@@ -117,19 +127,19 @@ def reference_run(
     end = round(until / plan.h)
     clocks = _Clocks(plan, work)
     with np.errstate(all="ignore"):  # a kernel that divides by zero gives inf or nan, as when it is compiled
-        plant.start({c: f for c, f in enumerate(work.step.clock_ahead) if f >= 0.0})
         now = Fraction(work.n)
+        plant.start({c: f for c, f in enumerate(work.step.clock_ahead) if f >= 0.0}, clocks)
         times, rows = [work.n * plan.h], [plant.sig[places].copy()]
         keep = work.n + every
         while now < end:
-            then = min(clocks.next(), Fraction(keep), Fraction(end))
+            then = plant.segment(clocks, now, min(clocks.next(), Fraction(keep), Fraction(end)))
             plant.integrate(float(now) * plan.h, float(then - now) * plan.h, rtol, rtol if atol is None else atol)
             now = then
             if now in (keep, end):
                 times.append(float(now) * plan.h)
                 rows.append(plant.sig[places].copy())
                 keep += every
-            plant.instant(float(now) * plan.h, clocks.due(now))
+            plant.instant(float(now) * plan.h, clocks.due(now), clocks)
     table = np.array(rows)
     return Trajectory(np.array(times), {name: table[:, k] for k, name in enumerate(names)})
 
@@ -149,6 +159,10 @@ class _Clocks:
     def next(self) -> Fraction:
         """Step number of the nearest instant."""
         return min(self.at, default=Fraction(2**62))
+
+    def phase(self, c: int, now: Fraction) -> float:
+        """Phase of a clock between its last instant (0) and its next (1), in periods."""
+        return float(1 - (self.at[c] - now) / self.period[c])
 
     def due(self, now: Fraction) -> dict[int, float]:
         """Clocks with an instant now, each at fraction 1 of the time since the last: nothing to interpolate."""
@@ -371,30 +385,68 @@ class _Plant:
 
     # what happens at an instant
 
-    def start(self, pending: dict[int, float]) -> None:
+    def start(self, pending: dict[int, float], clocks: _Clocks) -> None:
         """Bring everything up to the start: what sampled in the last step runs first, as in the fast solver."""
-        for i in self.modulators:
-            i.read(self.sig)
-            i.call("modulate", fraction=-1.0)
-            self.sig[i.ys] = i.records["y"].read()
         for i in self.live:
             i.gather(self.sig)
             i.read(self.sig)
         self._act(0.0, pending)
+        now = Fraction(self.work.n)
+        self._modulate(clocks, now, EDGE)
         self._set(settle=True)
 
-    def instant(self, t: float, due: dict[int, float]) -> None:
-        """Put references in force, then sample, in the order of the stages."""
-        if not due:
-            return
+    def instant(self, t: float, due: dict[int, float], clocks: _Clocks) -> None:
+        """Put references in force, then sample, in the order of the stages.
+
+        A modulator on the clock of the steps has nothing to put in force: it follows what it reads.
+        """
         for i in self.modulators:
-            if i.clock in due:
+            if i.clock in due and clocks.period[i.clock] != 1:
                 i.gather(self.sig)
                 i.read(self.sig)
-                i.call("modulate", fraction=0.0)
-                self.sig[i.xs], self.sig[i.ys] = i.records["x"].read(), i.records["y"].read()
-        self._act(t, due)
+                i.call("modulate", fraction=0.0, dt=float(EDGE) * self.plan.h, phase=0.0, phase_next=float(EDGE))
+                self.sig[i.xs] = i.records["x"].read()
+        if due:
+            self._act(t, due)
+
+    def segment(self, clocks: _Clocks, now: Fraction, then: Fraction) -> Fraction:
+        """Until when the switching functions stay what they are, at most until `then`; they are set on the way.
+
+        Parameters
+        ----------
+        clocks : _Clocks
+        now, then : Fraction
+            In steps.
+        """
+        if self.modulators:
+            whole = then - now
+            first = self._modulate(clocks, now, min(whole, EDGE) / 2)
+            same, other = Fraction(0), whole
+            if np.any(np.abs(self._modulate(clocks, now, whole) - first) > CONSTANT):
+                while other - same > EDGE:
+                    middle = (same + other) / 2
+                    if np.any(np.abs(self._modulate(clocks, now, middle) - first) > CONSTANT):
+                        other = middle
+                    else:
+                        same = middle
+                other = min(whole, Fraction(math.ceil(other / EDGE)) * EDGE)  # a denominator that does not grow
+            then = now + other
+            self._modulate(clocks, now, other, keep=True)
         self._set()
+        return then
+
+    def _modulate(self, clocks: _Clocks, now: Fraction, steps: Fraction, *, keep: bool = False) -> np.ndarray:
+        """Means of all switching functions over the coming `steps`; `keep`: time goes on to their end."""
+        for i in self.modulators:
+            i.gather(self.sig)
+            i.read(self.sig)
+            phase, phase_next = clocks.phase(i.clock, now), clocks.phase(i.clock, now + steps)
+            dt = float(steps) * self.plan.h
+            i.call("modulate", fraction=-1.0, dt=dt, phase=phase, phase_next=phase_next)
+            self.sig[i.ys] = i.records["y"].read()
+            if keep:
+                self.sig[i.xs] = i.records["x"].read()
+        return np.concatenate([self.sig[self.plan.net.leg_lo], self.sig[self.plan.net.leg_hi]])
 
     def _act(self, t: float, due: dict[int, float]) -> None:
         sig, before = self.sig, self.work.step.previous
