@@ -2,8 +2,8 @@
 
     python examples/circuits/plot_boost.py [--out FIGURE.png]
 
-A pulse of 20 us charges the choke, the upper diode discharges it, and for more than half of the period nothing flows. The
-steps of 30 us are longer than the pulse. The same circuit is solved by ngspice in tests/verification/test_gallery.py.
+A pulse of 20 us charges the choke, the upper diode discharges it, and for more than half of the period nothing flows.
+The steps of 30 us are longer than the pulse. ngspice solves the same circuit in tests/verification/test_gallery.py.
 """
 
 # %% One import for the simulator, one for the figure.
