@@ -33,6 +33,7 @@ from shipgrid.modulators.time_stamped import (
     drive,
     leg_modulate,
     pulse,
+    undriven,
 )
 from verification.circuits import Hold
 
@@ -294,7 +295,7 @@ def test_means_over_a_sampling_period_are_those_of_the_averaged_modulator():
         x, u, y = (Bench._records(getattr(type_of(AveragedBridge), part)) for part in ("state", "input", "output"))
         expected = []
         for k in range(50):
-            u[0].s_alpha_ref, u[0].s_beta_ref = alpha[k], beta[k]
+            u[0].s_alpha_ref, u[0].s_beta_ref, u[0].gates = alpha[k], beta[k], 1.0
             averaged(-1.0, x[0], u[0], y[0])
             expected.append(abc_to_alpha_beta.py_func(y[0].lo_a, y[0].lo_b, y[0].lo_c))
             averaged(1.0, x[0], u[0], y[0])
@@ -594,3 +595,23 @@ def test_woven_into_a_network_the_bridge_switches_as_on_the_bench():
         s, lead, _ = bench.run(1, [0.31], [0.2])
         assert np.array_equal(work.sig[places], np.concatenate([s[0], lead[0]])), k
     assert bench.x[0].edges == pytest.approx(300 * H * F_CARRIER * 6, abs=6)
+
+
+@pytest.mark.parametrize("position", [0.0, 1.0])
+def test_the_wait_for_a_switch_is_the_first_time_the_command_is_its(position):
+    """Against the triangle, looked at in fine ticks; the sampling instant anywhere in the step or nowhere."""
+    rng = np.random.default_rng(7)
+    ticks = (np.arange(20000) + 0.5) / 20000
+    waits = []
+    for _ in range(200):
+        phase, advance, before, after = rng.uniform([0.0, 0.05, -0.1, -0.1], [1.0, 1.6, 1.1, 1.1])
+        before, after = np.clip([before, after], 0.0, 1.0)
+        fraction = rng.uniform() if rng.uniform() < 0.5 else -1.0
+        at = phase + ticks * advance
+        duty = np.where((fraction >= 0.0) & (ticks >= fraction), after, before)
+        command = np.abs(1.0 - 2.0 * (at - np.floor(at))) < duty
+        other = np.flatnonzero(command != (position > 0.5))
+        expected = ticks[other[0]] if len(other) else 1.0
+        waits.append(undriven(phase, advance, fraction, before, after, position))
+        assert waits[-1] == pytest.approx(expected, abs=1e-4)
+    assert min(waits) == 0.0 and max(waits) == 1.0 and np.any((np.array(waits) > 0.1) & (np.array(waits) < 0.9))

@@ -212,18 +212,7 @@ def boost_figures(w: dict[str, np.ndarray], p: dict[str, Any]) -> dict[str, floa
     }
 
 
-BOOST = {
-    "e": 474.0,
-    "R": 0.25,
-    "L": 0.8e-3,
-    "f_sw": 5e3,
-    "s": 0.9,  # the lower switch is on for 0.1 of a period
-    "C_dc": 0.1e-3,
-    "R_load": 300.0,
-    "t_end": 60e-3,
-    "v_dc_0": 609.6,
-    "R_on": 1e-3,
-}
+BOOST = example("boost").CASE | {"R_on": 1e-3}
 
 BOOST_NAMES = {"i_l": "i(ll)", "v_dc": "v(dc)"}
 

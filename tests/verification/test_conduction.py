@@ -13,9 +13,12 @@ from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.choke import Choke
 from shipgrid.components.machines.pmsm import Pmsm
+from shipgrid.components.sources.dc_source import DcSource
 from shipgrid.errors import TopologyError
-from shipgrid.model.network import Network
-from shipgrid.solvers.conduction import ALL_AT_ONCE
+from shipgrid.model.kernel import uncompiled
+from shipgrid.model.network import Network, Sampled
+from shipgrid.modulators.time_stamped import Carrier, TimeStampedLeg
+from shipgrid.solvers.conduction import ALL_AT_ONCE, wait_for_gates
 from verification.circuits import Gates, LegGates, SourceBranch, Wave
 
 OMEGA = 2.0 * math.pi * 60.0
@@ -287,3 +290,66 @@ def test_gates_that_are_blocked_under_current_hand_it_to_the_diodes():
     assert after["bridge.p_fed"][0] > 0.0
     assert abs(after["line.alpha.i"][-1]) < 1e-9  # the bus is above the line peak: it ends with the current at zero
     assert after["bus.v_dc"][-1] > 750.0
+
+
+LOWER, UPPER = 2.0, 3.0
+
+
+def one_switch(gates, duty, ohms, step):
+    """A leg at 5 kHz with one switch driven: boost from 474 V or buck from 750 V, 100 uF, and a resistor."""
+    net = Network("one switch")
+    dc = net.dc_bus("dc", 750.0)
+    net.add("carrier", Carrier(), clock=Sampled(5e3))
+    phase = {name: f"carrier.{name}" for name in ("phase", "phase_next", "turns")}
+    inputs = {"s_ref": duty, "gates": gates, **phase}
+    net.add("modulator", TimeStampedLeg(), inputs=inputs, initial={"active": duty}, clock=Sampled(5e3))
+    pole = net.half_bridge("leg", HalfBridge(), dc, modulator="modulator")
+    if gates == LOWER:
+        net.capacitance(dc, 1e-4)
+        net.conductance(dc, 1.0 / ohms)
+        net.add("choke", SourceBranch(R=0.25, L=0.8e-3), ports={"ends": pole}, inputs={"e": -474.0})
+        return start(net, step, dc=600.0)
+    low = net.dc_bus("low", 750.0)
+    net.capacitance(low, 1e-4)
+    net.conductance(low, 1.0 / ohms)
+    net.add("source", DcSource(v_0=750.0, R=0.01), a=dc)
+    net.add("choke", Choke(R=0.25, L=0.8e-3), a=pole, b=low)
+    return start(net, step, dc=750.0, low=400.0)
+
+
+@pytest.mark.parametrize(("gates", "bus"), [(LOWER, "dc.v_dc"), (UPPER, "low.v_dc")])
+@pytest.mark.parametrize(("share", "ohms"), [(0.1, 300.0), (0.1, 60.0), (0.3, 300.0), (0.3, 60.0), (0.4, 20.0)])
+def test_one_driven_switch_at_thirty_microseconds_has_the_mean_of_one(gates, bus, share, ohms):
+    """Discontinuous and continuous conduction; pulses shorter than a step, and any place of them in it."""
+    found = []
+    for step in (30e-6, 7e-6, 1e-6):
+        plan, work = one_switch(gates, 1.0 - share if gates == LOWER else share, ohms, step)
+        settled = round(0.08 / step)
+        woven_entry(plan)(settled, 0, *arguments(plan, work))
+        work.n, work.step.rows[:] = settled, 0
+        found.append(stepped(plan, work, 0.012, [bus])[bus].mean())
+    coarse, middle, fine = found
+    assert abs(coarse / fine - 1.0) < 0.01  # 0.8 % for the buck's shortest pulse at the least load; else 0.4 %
+    assert abs(middle / fine - 1.0) < 1e-4
+
+
+def test_a_leg_without_current_waits_for_its_switch():
+    """From rest, in the step with the first pulse, the current is what the pulse gives: e (1 - wait) h / L."""
+    plan, work = one_switch(LOWER, 0.9, 300.0, 30e-6)
+    found = stepped(plan, work, 210e-6, ["choke.i", "modulator.wait", "leg.s"])
+    # on for 10 us from time zero (the carrier's crest); then at rest from some 50 us on; on again from 190 us
+    assert found["modulator.wait"][:7] == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0 / 3.0], abs=1e-9)
+    assert np.abs(found["choke.i"][2:6]).max() < 1e-9
+    assert found["choke.i"][6] == pytest.approx(-474.0 * 20e-6 / 0.8e-3, rel=5e-3)  # 0.25 ohm takes a little
+
+
+def test_volt_seconds_of_a_wait_land_a_current_and_then_keep_it_at_zero():
+    h, rate, v_dc = 30e-6, 1.0 / 0.8e-3, 750.0
+    wait_ = uncompiled(wait_for_gates)
+    per_ampere = 1.0 / (rate * h * v_dc)
+    assert wait_(h, 0.6, rate, v_dc, 0.0, 0.0, 0.632) == pytest.approx(0.6 * 0.632)
+    # 3 A into the leg, which fell from 10 A at s = 1 in the step before: stands still at what that says
+    rest = 1.0 - 7.0 * per_ampere
+    assert wait_(h, 0.6, rate, v_dc, -3.0, -10.0, 1.0) == pytest.approx(0.6 * rest + 3.0 * per_ampere)
+    assert wait_(h, 0.6, rate, v_dc, -50.0, -57.0, 1.0) == 0.6  # conducts throughout
+    assert wait_(h, 0.6, rate, v_dc, 50.0, 57.0, 0.0) == 0.0

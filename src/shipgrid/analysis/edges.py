@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -181,6 +182,77 @@ def of_means(time: ArrayLike, mean: ArrayLike, on: ArrayLike) -> SwitchingFuncti
     values = np.concatenate([x[:1], after[one], 1.0 - before[two], before[two]])
     order = np.argsort(times, kind="stable")
     return _without_repeats(times[order], values[order])
+
+
+def at_rest(time: ArrayLike, value: ArrayLike, mean: ArrayLike, rate: float, v_dc: ArrayLike) -> Array:
+    """Switching function at which a leg's current would have stood still, of each step.
+
+    Parameters
+    ----------
+    time, value, v_dc : array_like, shape (n + 1,)
+        Ends of steps [s], the first one's start before them; current [A] and bus voltage [V] there.
+    mean : array_like, shape (n,)
+        Mean switching function of each step.
+    rate : float
+        As for `between_steps`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    v = np.asarray(v_dc, dtype=float)
+    return np.asarray(mean) - np.diff(value) / (rate * np.diff(time) * 0.5 * (v[1:] + v[:-1]))
+
+
+def of_one_switch(
+    time: ArrayLike, mean: ArrayLike, low: ArrayLike, rest: ArrayLike, command: SwitchingFunction, *, lower: bool
+) -> SwitchingFunction:
+    """Switching function of a leg of which only one switch is driven.
+
+    In a part of a step without a driven switch the opposite diode conducts until the current is at rest, and then the
+    leg floats: how long, follows from the mean of that part.
+
+    Parameters
+    ----------
+    time : array_like, shape (n + 1,)
+        Ends of the steps [s], the first one's start before them.
+    mean, low, rest : array_like, shape (n,)
+        Mean of each step, its lower bound (`leg.s` and the modulator's `lo`), and `at_rest`.
+    command : SwitchingFunction
+        What the modulator would have both switches do.
+    lower : bool
+        Whether it is the lower switch that is driven.
+
+    Returns
+    -------
+    SwitchingFunction
+    """
+    t = np.asarray(time, dtype=float)
+    diode, driven = (1.0, 0.0) if lower else (0.0, 1.0)
+    times: list[float] = []
+    values: list[float] = []
+    edges = command.edges
+    rows = zip(t[:-1], t[1:], np.asarray(mean), np.asarray(low), np.asarray(rest), strict=True)
+    for start, end, s, least, floating in rows:
+        nodes = [start, *edges[slice(*np.searchsorted(edges, (start + 1e-12, end - 1e-12)))], end]
+        parts = [(a, b, command(0.5 * (a + b)) == diode) for a, b in pairwise(nodes)]
+        on = driven * sum(b - a for a, b, free in parts if not free)
+        left = s * (end - start) - on  # volt-seconds, over v_dc, of the parts without a driven switch
+        time_left = sum(b - a for a, b, free in parts if free)
+        for k, (a, b, free) in enumerate(parts):
+            times.append(a)
+            if not free:
+                values.append(driven)
+                continue
+            span = b - a
+            taken = least * (end - start) - on if k == 0 and len(parts) > 1 else left * span / time_left
+            left, time_left = left - taken, time_left - span
+            conducts = min(max((taken - floating * span) / (diode - floating), 0.0), span)
+            values.append(diode if conducts > 0.0 else floating)
+            if 0.0 < conducts < span * (1.0 - 1e-9):
+                times.append(a + conducts)
+                values.append(floating)
+    return _without_repeats(np.array(times), np.array(values))
 
 
 def between_steps(

@@ -301,7 +301,7 @@ def new_workspace(plan: Plan) -> Workspace:
         norton=np.zeros((len(plan.net.machine_w), 6)),
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),
-        bridge_i0=np.zeros((bridges, 2)),
+        bridge_i0=np.full((bridges, 2), np.nan),  # there is no step before the first
         bridge_mean=np.zeros((bridges, 6)),
         constraint=np.zeros((bridges, 3)),
         inverse=np.zeros((bridges, 4)),
@@ -638,7 +638,9 @@ def _bridges(
     driven: list[tuple[int, int, float]],
 ) -> dict[str, np.ndarray]:
     """Fields of `NetworkPlan` that describe bridges and their legs."""
-    found: dict[str, list[Any]] = {key: [] for key in ("lo", "hi", "lead", "port", "node", "weight", "s", "meter")}
+    found: dict[str, list[Any]] = {
+        key: [] for key in ("lo", "hi", "lead", "wait", "rate", "port", "node", "weight", "s", "meter")
+    }
     leg_first, related_first, related, touched_first, touched = [0], [0], [], [0], []
     clamps: dict[int, float] = {}
     diodes: list[float] = []
@@ -653,6 +655,9 @@ def _bridges(
         for phase in legs.phases:
             for key in ("lo", "hi", "lead"):
                 found[key].append(layout.place(f"{legs.modulator}.{key}{phase}", legs.path))
+            found["wait"].append(layout.index.get(f"{legs.modulator}.wait{phase}", ZERO))
+            own = [abs(rate) for _, j, rate in driven if j == poles[0] and len(legs.phases) == 1]
+            found["rate"].append(own[0] if own else 0.0)
         leg_first.append(len(found["lo"]))
         node = number[legs.bus.nodes[0]]
         found["port"].append([*poles, -1][:2])
@@ -687,6 +692,8 @@ def _bridges(
         "leg_lo": integers(found["lo"]),
         "leg_hi": integers(found["hi"]),
         "leg_lead": integers(found["lead"]),
+        "leg_wait": integers(found["wait"]),
+        "leg_rate": np.array(found["rate"], dtype=float),
         "bridge_port": integers(found["port"], bridges, 2),
         "bridge_node": integers(found["node"]),
         "bridge_weight": np.array(found["weight"], dtype=float),

@@ -504,7 +504,7 @@ class Network:
         mean: bool = False,
         carrier: float = 0.0,
     ) -> None:
-        """Publish the three phase quantities of an alpha-beta pair as `<stem>_a` ..., or the differences `<stem>_ab` ...
+        """Publish the three phases of an alpha-beta pair as `<stem>_a` ..., or their differences as `<stem>_ab` ...
 
         Parameters
         ----------

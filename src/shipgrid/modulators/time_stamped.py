@@ -31,7 +31,8 @@ what the legs have done since the last edge goes from step to step. Gates act at
     lead = integral_0^f s - f s_mean,    i(f) = i_n + f (i_n+1 - i_n) + (h/L) v_dc lead          (3)
 
 in the sign of a current that s drives. With a dead time it is that of the middle between `lo` and `hi`; with one
-switch driven, that of the diode that conducts while that switch is open.
+switch driven, that of the diode that conducts while that switch is open; such a leg also hands over how long it
+waits for its switch (docs/theory/conduction.md).
 
 Source: [Holmes2003] ch. 3; docs/theory/modulation.md.
 """
@@ -111,6 +112,21 @@ def next_edge(phase, duty):
     place = phase - whole
     rise, fall = 0.5 * (1.0 - duty), 0.5 * (1.0 + duty)
     return whole + (rise if place < rise else (fall if place < fall else 1.0 + rise))
+
+
+@kernel
+def undriven(phase, advance, fraction, before, after, position):
+    """Share of a step from its start for which the command stays in `position`, whose switch is not driven."""
+    duty, start = after if fraction == 0.0 else before, 0.0
+    for _ in range(2):
+        at = phase + start * advance
+        if is_on(at, duty) != position:
+            return start
+        edge = start + (next_edge(at, duty) - at) / advance
+        if fraction <= start or edge < fraction:
+            return minimum(edge, 1.0)
+        duty, start = after, fraction
+    return 1.0
 
 
 @kernel
@@ -242,6 +258,7 @@ class LegOutput:
     lo: Ratio = signal("least mean switching function of the coming step that the gates leave open")
     hi: Ratio = signal("greatest mean switching function of the coming step that the gates leave open")
     lead: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps")
+    wait: Ratio = signal("share of the step before the first part in which a switch is driven, if only one ever is")
     limited: Ratio = signal("1 while the reference is beyond 0 or 1", limiter=True)
 
 
@@ -271,11 +288,14 @@ def leg_modulate(dt, fraction, x, u, p, y):
     if fraction >= 0.0:
         x.active = u.s_ref
     y.limited = 1.0 if x.active > 1.0 + LIMIT or x.active < -LIMIT else 0.0
+    y.wait = 0.0
     if u.gates < 0.5:
         y.lo, y.hi, y.lead, y.limited = 0.0, 1.0, 0.0, 0.0
     else:
         x.edges += edges
         x.postponed += postponed
+        if u.gates != BOTH and p.dead_time + p.min_pulse == 0.0:
+            y.wait = undriven(phase, end - phase + u.turns, fraction, before, after, 1.0 if u.gates == LOWER else 0.0)
         if u.gates == LOWER:
             y.lo = 0.0
         elif u.gates == UPPER:

@@ -22,6 +22,14 @@ directions; it is eliminated (Schur complement) from the elements' admittances b
 
 The last term of L is the bus's share in the power w n.i of a current that is being landed.
 
+A leg of which one switch is driven (boost, buck) may wait for it: nothing is driven in the first part of a step, `wait`
+of its length. What the leg takes of the bus in that part is what lands its current there and then keeps it at zero,
+
+    x = wait s_0 - i_0 / (r h v_dc),    0 <= x <= wait,       s_0 = s' - (i_0 - i_0') / (r h v_dc)      (conduction-5)
+
+with r the rate of its current per volt and s_0 the switching function at which it stands still, taken from the step
+before ('). The rest of the step has the bounds lo + x and hi - wait + x.
+
 Where a bus voltage reverses, both diodes of every leg on it conduct: a conductance across the bus. Every step is tried
 without it first, and if the bus ends below zero, taken with it: which of the two holds is asked once.
 
@@ -94,14 +102,37 @@ def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, co
 
 
 @kernel
+def wait_for_gates(h, wait, rate, v_dc, i, i_before, s_before):
+    """Volt-seconds, over h v_dc, that a leg by itself takes before its first gate acts in a step: (conduction-5).
+
+    Parameters
+    ----------
+    h, wait : float
+        The step [s], and the share of it before the first driven part.
+    rate, v_dc : float
+        Rate of the current per volt of the pole [A/(V s)], and the bus voltage [V].
+    i, i_before, s_before : float
+        Current [A] at the step's start and at that of the step before, and the mean switching function in between.
+    """
+    per_ampere = 1.0 / (rate * h * v_dc)
+    at_rest = s_before - (i - i_before) * per_ampere
+    return min(max(wait * at_rest - i * per_ampere, 0.0), wait)
+
+
+@kernel
 def set_legs(
     sig,
+    h,
+    node_signal,
     leg_first,
     leg_lo,
     leg_hi,
+    leg_wait,
+    leg_rate,
     leg_state,
     leg_s,
     bridge_port,
+    bridge_node,
     port_i,
     bridge_i0,
     bridge_s,
@@ -110,6 +141,8 @@ def set_legs(
     conduct,
 ):
     """Start a step: bounds from the modulators, states from the last step, currents at the start.
+
+    The bounds of a leg that waits for its gates are narrowed to what its current leaves of them.
 
     `conduct` holds, of this step: free legs, rounds, what changed in the last round, and the last bridge that did.
     """
@@ -120,6 +153,14 @@ def set_legs(
         first, last = leg_first[b], leg_first[b + 1]
         alpha = sig[port_i[bridge_port[b, 0]]]
         beta = sig[port_i[bridge_port[b, 1]]] if last - first > 1 else 0.0
+        wait = sig[leg_wait[first]]
+        v_dc = sig[node_signal[bridge_node[b]]]
+        if 0.0 < wait < 1.0 and leg_rate[first] > 0.0 and v_dc > DEAD_V and np.isfinite(bridge_i0[b, 0]):
+            taken = wait_for_gates(h, wait, leg_rate[first], v_dc, alpha, bridge_i0[b, 0], leg_s[first])
+            sig[leg_lo[first]] += taken
+            sig[leg_hi[first]] += taken - wait
+            if sig[leg_hi[first]] - sig[leg_lo[first]] < SMALL:  # driven to the end
+                sig[leg_hi[first]] = sig[leg_lo[first]]
         bridge_i0[b, 0] = alpha
         bridge_i0[b, 1] = beta
         for k in range(first, last):
