@@ -341,7 +341,9 @@ def test_reading_a_alone_fails_at_a_constant_power_load_that_reading_b_carries(p
         assert bench.poles().real.max() < 0.0
         assert v[-1] == pytest.approx(750.0 * (1.0 - 0.05 * p_pu), abs=2.0)
     else:
-        assert not np.ptp(v[-round(0.2 / T_S) :]) < 5.0  # no number at all is no rest either
+        swing = np.ptp(v[-round(0.2 / T_S) :])
+        assert np.isfinite(v[: round(0.5 / T_S)]).all()  # it fails by and by, not by a slip of the first steps
+        assert swing > 50.0 or not np.isfinite(swing)
 
 
 @pytest.mark.parametrize(("p_pu", "zeta"), [(0.2, 0.33), (0.5, 0.12), (0.55, 0.04)])
