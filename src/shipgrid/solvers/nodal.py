@@ -297,7 +297,6 @@ def nodal_equations(
 ):
     """Assemble (nodal-1)."""
     n = n_nodes
-    width = n + 1
     for k in range(used.shape[0]):
         Y[used[k]] = Y_linear[used[k]]
     w = part_start[5]
