@@ -4,12 +4,12 @@ A step carries a leg's mean switching function, so that the values at the ends o
 between is not on their chord. Where the leg switched is known, and with it the current: between two edges it is
 straight up to terms of second order in the step,
 
-    i(t) = chord(t) + r v_dc (S(t) - chord of S(t)),      S(t) = integral of s               (edges-1)
+    i(t) = chord(t) + r v_dc (S(t) - chord of S(t)),      S(t) = integral of s               (modulation-3)
 
 `r` is the rate of the current per volt of the pole, 1/L of a choke. For a bridge S is a vector like s, alpha and beta;
 r then has the sign and the axis of the current.
 
-docs/theory/modulation.md, (modulation-3).
+docs/theory/modulation.md
 """
 
 from __future__ import annotations
@@ -258,7 +258,7 @@ def of_one_switch(
 def between_steps(
     time: ArrayLike, value: ArrayLike, s: SwitchingFunction, rate: float, v_dc: ArrayLike
 ) -> tuple[Array, Array]:
-    """A current with its edges: (edges-1).
+    """A current with its edges: (modulation-3).
 
     Parameters
     ----------

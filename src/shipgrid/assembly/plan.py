@@ -618,10 +618,21 @@ def _network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         inject_factor=np.array([t[2] for t in injections]),
         later=later,
         neighbour=neighbour,
+        used=integers(sorted({t[3] for t in terms} | _entries(n, later, neighbour))),
         machine_w=integers(machine_w),
         machine_port=integers(machine_port),
         **_bridges(network, layout, port, pole_port, number, n, driven),
     )
+
+
+def _entries(n: int, later: np.ndarray, neighbour: np.ndarray) -> set[int]:
+    """Places in the matrix of what elimination reads and writes: the diagonal, and each node with its later ones."""
+    width = n + 1
+    found = {k * width + k for k in range(n)}
+    for k in range(n):
+        for c in neighbour[later[k] : later[k + 1]]:
+            found |= {k * width + int(c), int(c) * width + k}
+    return found
 
 
 def _at_poles(placed: Placed, legs: Legs) -> bool:

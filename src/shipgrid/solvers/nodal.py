@@ -77,6 +77,7 @@ class NetworkPlan(NamedTuple):
     # elimination pattern
     later: np.ndarray  # (nodes + 1,) first later neighbour of each pivot
     neighbour: np.ndarray
+    used: np.ndarray  # places in the matrix that anything reads or writes; the others stay zero
     machine_w: np.ndarray  # (machines,) where each machine's W starts
     machine_port: np.ndarray  # (machines,) its first port
     # bridges and legs; see `solvers/conduction.py`
@@ -190,6 +191,7 @@ def linear_admittance(
     coefficient,
     values,
     part_start,
+    used,
     n_linear_terms,
     term_w,
     term_j,
@@ -202,8 +204,8 @@ def linear_admittance(
     for k in range(port_c.shape[0]):
         coefficient[k] = sig[port_c[k]]
     width = n_nodes + 1
-    for k in range(width * width):
-        Y_linear[k] = 0.0
+    for k in range(used.shape[0]):
+        Y_linear[used[k]] = 0.0
     for k in range(n_nodes):
         Y_linear[k * width + k] = node_c_gh[k] + node_g[k]
     w = part_start[5]
@@ -286,6 +288,7 @@ def nodal_equations(
     coefficient,
     values,
     part_start,
+    used,
     inject_port,
     inject_node,
     inject_factor,
@@ -296,9 +299,8 @@ def nodal_equations(
 ):
     """Assemble (nodal-1)."""
     n = n_nodes
-    width = n + 1
-    for k in range(width * width):
-        Y[k] = Y_linear[k]
+    for k in range(used.shape[0]):
+        Y[used[k]] = Y_linear[used[k]]
     w = part_start[5]
     for k in range(n_linear_terms, term_w.shape[0]):
         Y[term_y[k]] += term_factor[k] * coefficient[term_j[k]] * values[w + term_w[k]] * coefficient[term_k[k]]
