@@ -15,13 +15,21 @@
   };
   const number = (v) => (v == null ? "–" : String(+v.toPrecision(5)));
 
-  function ticks(u, axis, low, high) {             // round numbers of seconds or minutes
-    const steps = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200];
-    const step = steps.find((s) => (high - low) / s <= Math.max(4, width / 110));
-    if (!step || high - low < 5) return null;
+  const STEPS = [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1].flatMap((s) => [s, 2 * s, 5 * s])
+    .concat([1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 28800, 86400]);
+
+  function ticks(u, axis, low, high) {             // round numbers of seconds, minutes or hours
+    const most = Math.max(4, width / 110), day = STEPS[STEPS.length - 1];
+    const step = STEPS.find((s) => (high - low) / s <= most) || day * Math.ceil((high - low) / most / day);
     const made = [];
-    for (let k = Math.ceil(low / step); k * step <= high; k++) made.push(k * step);
+    for (let k = Math.ceil(low / step - 1e-6); k * step <= high + 1e-6 * step; k++) made.push(k * step);
     return made;
+  }
+
+  function labels(at) {                            // seconds with as many digits as tell them apart, or a clock
+    if (range[1] - range[0] >= 5) return at.map(clock);
+    const step = at.length > 1 ? at[1] - at[0] : 1e-6;
+    return at.map((t) => t.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-6)))) + " s");
   }
 
   function limits(panel) {
@@ -87,7 +95,7 @@
       padding: [8, RIGHT, 0, 0],
       scales: { x: { time: false, range: (self, low, high) => (low == null ? range : [low, high]) }, y: { range: height(panel) } },
       axes: [
-        { ...axis, size: last ? 30 : 4, splits: ticks, values: (self, at) => at.map((t) => (last ? (range[1] - range[0] < 5 ? number(t) + " s" : clock(t)) : "")) },
+        { ...axis, size: last ? 30 : 4, splits: ticks, values: (self, at) => (last ? labels(at) : at.map(() => "")) },
         { ...axis, size: LEFT, gap: 8, space: 28 },
       ],
       cursor: { sync: { key: "report", setSeries: false }, drag: { x: true, y: false }, points: { size: 6 } },
