@@ -256,7 +256,7 @@ def test_a_bus_nobody_feeds_is_found_with_all_breakers_closed():
 
 def test_an_ac_bar_is_fed_only_if_the_inverters_dc_bus_is():
     text = FERRY
-    for item in ("rectifier_for", "bess_for", "dc_tie", "ac_tie"):
+    for item in ("genset_for", "rectifier_for", "bess_for", "dc_tie", "ac_tie"):
         text = re.sub(rf"^  {item}: .*\n", "", text, flags=re.MULTILINE)
     found = problems_of(text)
     assert [f"my.yaml:{line_of(text, f'  {bus}: ')}" for bus in ("dc_for", "ac_for")] == [
@@ -404,3 +404,55 @@ def test_the_schema_knows_every_kind_and_key():
     assert "governor" in kinds["genset"] and "K" in kinds["genset"]["governor"]["properties"]
     assert kinds["dc_breaker"]["from"]["type"] == "string"
     assert scenario_schema()["properties"]["start"]["properties"]["state"]["enum"] == ["moored", "cold"]
+
+
+# What is right in each entry, and cannot be together
+
+
+def test_a_tie_has_two_ends():
+    text = changed("from: dc_for, to: dc_aft", "from: dc_aft, to: dc_aft")
+    assert "equipment.dc_tie.to: both ends are 'dc_aft', expected two buses" in the_problem(text, "  dc_tie:")
+    text = changed("from: ac_for, to: ac_aft", "from: ac_aft, to: ac_aft")
+    assert "equipment.ac_tie.to: both ends are 'ac_aft', expected two buses" in the_problem(text, "  ac_tie:")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "tie", "says"),
+    [
+        ("dc_aft: {kind: dc, v_n: 750 V", "dc_aft: {kind: dc, v_n: 600 V", "dc_tie", "750 V, 'dc_aft' 600 V"),
+        ("ac_aft: {kind: ac, v_n: 400 V", "ac_aft: {kind: ac, v_n: 440 V", "ac_tie", "400 V, 'ac_aft' 440 V"),
+        ("ac_aft: {kind: ac, v_n: 400 V, f_n: 60 Hz", "ac_aft: {kind: ac, v_n: 400 V, f_n: 50 Hz", "ac_tie", "50 Hz"),
+    ],
+)
+def test_a_tie_joins_buses_of_one_voltage_and_frequency(old, new, tie, says):
+    problem = the_problem(changed(old, new), f"  {tie}:")
+    assert f"equipment.{tie}.to: " in problem and says in problem and "expected two buses of one nominal" in problem
+
+
+def test_a_tie_joins_buses_of_its_kind():
+    text = changed("from: dc_for, to: dc_aft", "from: dc_for, to: ac_aft")
+    assert "equipment.dc_tie.to: 'ac_aft' is an AC bus" in the_problem(text, "  dc_tie:")
+
+
+def test_a_full_battery_lies_below_its_bus():
+    full = load_ship("ferry").item("bess_for").v_full
+    within, beyond = 749.0 / full, 751.0 / full
+    assert problems_of(changed("v_n: 440 V", f"v_n: {within:.1f} V")) == []
+    problem = the_problem(changed("v_n: 440 V", f"v_n: {beyond:.1f} V"), "  bess_for:")
+    assert "equipment.bess_for.v_n: a full battery has 751 V and its bus 'dc_for' 750 V, expected less" in problem
+
+
+def test_a_genset_without_a_rectifier_is_found():
+    text = re.sub(r"^  rectifier_aft: .*\n", "", FERRY, flags=re.MULTILINE)
+    problem = the_problem(text, "  genset_aft:")
+    assert "equipment.genset_aft: no rectifier takes this genset, expected one with 'source: genset_aft'" in problem
+
+
+def test_what_cannot_be_together_comes_with_all_other_mistakes():
+    text = changed("from: dc_for, to: dc_aft", "from: dc_aft, to: dc_aft")
+    text = changed("v_n: 440 V", "v_n: 750 V", text)
+    text = changed("wake: 0.235", "wake: 1.235", text)
+    found = problems_of(text)
+    assert [int(problem.split(":")[1]) for problem in found] == [
+        line_of(text, part) for part in ("  bess_for:", "  dc_tie:", "hull: {")
+    ]

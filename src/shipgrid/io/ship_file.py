@@ -398,6 +398,9 @@ class _ShipReader:
             hull = self.read_hull(root)
             self.check_references()
             self.check_fed()
+            self.check_ties(root)
+            self.check_batteries(root)
+            self.check_gensets(root)
         ship = None
         if not self.problems:
             ship = Ship(name, dict(self.buses), dict(self.items), hull, self.document)
@@ -636,6 +639,59 @@ class _ShipReader:
             if name not in fed:
                 what = "nobody feeds this bus, even with all breakers closed; expected "
                 self.problems.add(self.places[name], f"buses.{name}", what + ", ".join(map(_named, sources)) + " on it")
+
+    def place_in(self, root: Section, name: str, *keys: str) -> Place:
+        """Where the value of a plant item stands, or the item if it has been left out."""
+        node: Node | None = root.entries["equipment"]
+        place = self.places[name]
+        for key in (name, *keys):
+            node = node.get(key) if isinstance(node, Section) else None
+            place = node.place if node is not None and key != name else place
+        return place
+
+    def check_ties(self, root: Section) -> None:
+        """A tie joins two buses that can be one."""
+        for name, kind in self.kinds.items():
+            item = self.items.get(name)
+            if item is None or kind.kind not in BOTH_WAYS:
+                continue
+            place, path = self.place_in(root, name, "to"), f"equipment.{name}.to"
+            if item.from_ == item.to:
+                what = f"both ends are '{item.to}', expected two buses"
+                self.problems.add(place, path, what)
+                continue
+            one, other = self.buses.get(item.from_), self.buses.get(item.to)
+            if one is None or type(one) is not type(other):
+                continue  # the reference itself is wrong
+            for field, unit, what in (("v_n", "V", "nominal voltage"), ("f_n", "Hz", "nominal frequency")):
+                values = getattr(one, field, None), getattr(other, field, None)
+                if values[0] != values[1]:
+                    found = f"'{item.from_}' has {values[0]:g} {unit}, '{item.to}' {values[1]:g} {unit}"
+                    self.problems.add(place, path, f"{found}, expected two buses of one {what} ({field})")
+
+    def check_batteries(self, root: Section) -> None:
+        """A battery that is full lies below its DC bus: its converter only steps up."""
+        for name, kind in self.kinds.items():
+            item = self.items.get(name)
+            if item is None or kind.kind != "bess" or not isinstance(self.buses.get(item.bus), DcBusbar):
+                continue
+            full, bus = item.v_full * item.v_n, self.buses[item.bus].v_n
+            if full >= bus:
+                what = f"a full battery has {full:g} V and its bus '{item.bus}' {bus:g} V, expected less than the bus"
+                self.problems.add(self.place_in(root, name, "v_n"), f"equipment.{name}.v_n", what)
+
+    def check_gensets(self, root: Section) -> None:
+        """A genset feeds the ship through a rectifier."""
+        equipment = root.get("equipment")
+        if not isinstance(equipment, Section) or any(name not in self.kinds for name in equipment.entries):
+            return  # what could not be read may take it
+        kinds = {name: kind.kind for name, kind in self.kinds.items()}
+        used = {r.owner: r.name for r in self.references if r.field == "source" and kinds[r.owner] == "rectifier"}
+        unknown = any(kind == "rectifier" and kinds.get(used.get(name, "")) != "genset" for name, kind in kinds.items())
+        for name, kind in kinds.items():
+            if kind == "genset" and name not in used.values() and not unknown:
+                what = f"no rectifier takes this genset, expected one with 'source: {name}'"
+                self.problems.add(self.places[name], f"equipment.{name}", what)
 
 
 def check_head(root: Section, problems: Problems, keys: tuple[str, ...]) -> None:
