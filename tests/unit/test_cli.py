@@ -12,6 +12,7 @@ import pytest
 import synthetic_run
 from typer.testing import CliRunner
 
+from shipgrid.analysis.requirements import Verdict
 from shipgrid.cli.main import app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled
@@ -25,7 +26,8 @@ def shipgrid(*words: str):
 class Simulated:
     """Stands in for the runner: remembers what it was asked for, and answers as told."""
 
-    def __init__(self, ok=True, interrupted=False, error=None):
+    def __init__(self, ok=True, interrupted=False, error=None, requirements=()):
+        self.requirements = list(requirements)
         self.ok, self.interrupted, self.error = ok, interrupted, error
         self.asked = None
 
@@ -35,7 +37,7 @@ class Simulated:
             raise self.error
         options["progress"](1.0, 60.0)
         summary = {"simulated_s": 60.0, "wall_s": 1.0, "us_per_step": 3.0, "interrupted": self.interrupted}
-        return SimpleNamespace(ok=self.ok, requirements=[], summary=summary, folder=Path("results/x"))
+        return SimpleNamespace(ok=self.ok, requirements=self.requirements, summary=summary, folder=Path("results/x"))
 
 
 @pytest.fixture
@@ -92,6 +94,20 @@ def test_the_exit_status_says_how_it_ended(simulated, answer, status):
     if isinstance(answer.get("error"), Exception):
         assert str(answer["error"]) in result.stderr
         assert "Traceback" not in result.output
+
+
+def test_requirements_that_were_judged_are_a_table_and_the_others_are_counted(simulated):
+    rows = [synthetic_run.SUMMARY["requirements"][0]]
+    for signal, unit in (("dc_for.v_dc", "V"), ("dc_aft.v_dc", "V"), ("bess_mid.soc", "")):
+        never = {"name": f"later {signal}", "signal": signal, "unit": unit, "value": None, "verdict": "not evaluated"}
+        rows.append(rows[0] | never)
+    simulated(requirements=[Verdict(**row) for row in rows])
+    result = shipgrid("run")
+    assert result.exit_code == 0, result.output
+    assert "DC bus" in result.stdout and "721.5 V" in result.stdout
+    assert "later" not in result.stdout
+    assert "2 not evaluated (outside the run)" in result.stdout.splitlines()
+    assert "1 not evaluated (not recorded: bess_mid.soc)" in result.stdout.splitlines()
 
 
 @pytest.mark.parametrize(

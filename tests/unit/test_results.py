@@ -1,5 +1,6 @@
 """Results: written while the run goes on, read afterwards."""
 
+import json
 import os
 import subprocess
 import sys
@@ -128,3 +129,28 @@ def test_citation_keys_are_found_in_module_docstrings_and_an_unknown_one_is_refu
     assert citation_keys(["shipgrid.components"]) == []
     with pytest.raises(ParameterError, match="Nobody1900"):
         bibliography(["Nobody1900"])
+
+
+@pytest.mark.parametrize(
+    ("summary", "says"),
+    [
+        (None, "2 events, not finished>"),
+        ({"simulated_s": 3.0}, "2 events>"),
+        ({"simulated_s": 3.0, "interrupted": False}, "2 events>"),
+        ({"simulated_s": 2.5, "interrupted": True}, "2 events, interrupted at 2.5 s>"),
+        (
+            {
+                "simulated_s": 2.5,
+                "interrupted": True,
+                "requirements": [{"verdict": "met"}, {"verdict": "not evaluated"}],
+            },
+            "2 events, no requirement violated, 1 of 2 not evaluated, interrupted at 2.5 s>",
+        ),
+        ({"requirements": [{"verdict": "violated"}]}, "2 events, a requirement is violated>"),
+    ],
+)
+def test_a_run_says_in_a_line_how_it_ended(written, summary, says):
+    if summary is not None:
+        (written / "summary.json").write_text(json.dumps(summary))
+    with open_results(written) as run:
+        assert repr(run).endswith(says)

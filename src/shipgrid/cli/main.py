@@ -435,12 +435,21 @@ def _say_results(results: Any) -> None:
     from shipgrid.cli import listing
 
     summary = results.summary
-    rows = []
+    rows, outside, unknown = [], 0, []
     for verdict in results.requirements:
         value = "" if verdict.value is None else f"{verdict.value:.5g} {verdict.unit}"
-        rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict))
+        if verdict.verdict != "not evaluated":
+            rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict))
+        elif verdict.unit:
+            outside += 1
+        else:  # nothing of that name was recorded
+            unknown.append(verdict.signal)
     if rows:
         listing.table("requirements", ("name", "signal", "limit", "value", "verdict"), rows)
+    if outside:
+        typer.echo(f"{outside} not evaluated (outside the run)")
+    if unknown:
+        typer.echo(f"{len(unknown)} not evaluated (not recorded: {', '.join(dict.fromkeys(unknown))})")
     typer.echo(
         f"{summary.get('simulated_s', 0.0):g} s in {summary.get('wall_s', 0.0):.1f} s "
         f"({summary.get('us_per_step', 0.0):.2f} us a step); "

@@ -102,10 +102,16 @@ class Results:
         self._datasets: dict[str, xarray.Dataset] = {}
 
     def __repr__(self) -> str:
-        word = (
-            "" if not self.requirements else ", no requirement violated" if self.ok else ", a requirement is violated"
-        )
-        return f"<Results {self.name!r}: {len(self.signals)} signals, {len(self.events)} events{word}>"
+        words = [f"{len(self.signals)} signals", f"{len(self.events)} events"]
+        if self.requirements:
+            words.append("no requirement violated" if self.ok else "a requirement is violated")
+            unseen = sum(verdict.verdict == "not evaluated" for verdict in self.requirements)
+            words += [f"{unseen} of {len(self.requirements)} not evaluated"] if unseen else []
+        if not self.summary:
+            words.append("not finished")
+        elif self.summary.get("interrupted"):
+            words.append(f"interrupted at {self.summary['simulated_s']:g} s")
+        return f"<Results {self.name!r}: {', '.join(words)}>"
 
     @property
     def name(self) -> str:
