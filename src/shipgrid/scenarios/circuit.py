@@ -26,7 +26,7 @@ from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network
-from shipgrid.scenarios.events import At, places_to_set, timeline
+from shipgrid.scenarios.events import At, places_to_set, seconds, timeline
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
 
@@ -103,10 +103,11 @@ class RunnablePlan(Plan):
         InputErrors
             All of start and events that cannot be set.
         ParameterError
-            If `until` lies before the start, or more is to be kept than fits.
+            If `until` is no number or lies before the start, or more is to be kept than fits.
         SolverError
             If the run diverged; its attribute `run` has what was computed before.
         """
+        until = seconds("until", until)
         sources = self._sources(record)
         watching = self._watching(sources, every)
         work = self._workspace(watching, start)
@@ -119,7 +120,7 @@ class RunnablePlan(Plan):
                 f"{rows} values of {len(sources)} signals do not fit in memory, "
                 "expected fewer signals (`record`) or longer intervals (`every`)"
             )
-        lines = timeline(self, events, began)
+        lines = timeline(self, events, began, until)
         run, memory = Run(watching, work), _Memory(every > 1)
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]

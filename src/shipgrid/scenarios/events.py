@@ -9,9 +9,10 @@ import difflib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from shipgrid.assembly.plan import Plan
-from shipgrid.errors import InputErrors
+from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.model.component import type_of
 from shipgrid.model.records import names_of
 
@@ -60,20 +61,50 @@ def places_to_set(plan: Plan) -> dict[str, int]:
     return found | {command: layout.index[f"command:{command}"] for command in plan.network.commands}
 
 
-def timeline(plan: Plan, events: Iterable[At], start: float) -> list[tuple[float, str, float]]:
+def seconds(name: str, value: Any) -> float:
+    """A time [s] given as an argument.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    value : float
+
+    Raises
+    ------
+    ParameterError
+        If it is no number: a text, with or without a unit, say.
+    """
+    found = _number(value)
+    if found is None:
+        raise ParameterError(f"{name} = {value!r} is not a number, expected a time in seconds, such as {name}=1e-4")
+    return found
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, (str, bytes)):
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def timeline(plan: Plan, events: Iterable[At], start: float, end: float = math.inf) -> list[tuple[float, str, float]]:
     """Time, path and value of each event, in order of time.
 
     Parameters
     ----------
     plan : Plan
     events : iterable of At
-    start : float
-        Time of the run's first step [s].
+    start, end : float
+        Time of the run's first step and of its end [s].
 
     Raises
     ------
     InputErrors
-        All events that cannot be: before the start, or of a path that nothing can set, with the nearest that can.
+        All events that cannot be: before the start, after the end, or of a path that nothing can set, with the
+        nearest that can.
     """
     known, problems, found = places_to_set(plan), [], []
     for event in events:
@@ -81,8 +112,16 @@ def timeline(plan: Plan, events: Iterable[At], start: float) -> list[tuple[float
         path = action.path if isinstance(action, Set) else f"{action.path}.close"
         value = action.value if isinstance(action, Set) else float(isinstance(action, Close))
         said = f"{event!r}: "
-        if not (math.isfinite(event.time) and event.time > start - 0.5 * plan.h):
+        at, value = _number(event.time), _number(value)
+        if at is None or value is None:
+            problems.append(
+                f"{said}not numbers, expected time and value in SI units, such as At(0.1, Set(path, 750.0))"
+            )
+            continue
+        if not (math.isfinite(at) and at > start - 0.5 * plan.h):
             problems.append(f"{said}the run starts at {start:g} s, expected a time from then on")
+        elif at > end + 0.5 * plan.h:
+            problems.append(f"{said}is after the end, expected at most {end:g} s (until)")
         if path not in known:
             wanted = [p for p in known if p.endswith(".close")] if not isinstance(action, Set) else list(known)
             near = difflib.get_close_matches(path, wanted, n=1)
@@ -92,7 +131,7 @@ def timeline(plan: Plan, events: Iterable[At], start: float) -> list[tuple[float
             problems.append(f"{said}{what}{hint}")
         if not math.isfinite(value):
             problems.append(f"{said}the value is no number")
-        found.append((event.time, path, value))
+        found.append((at, path, value))
     if problems:
         raise InputErrors(problems)
     return sorted(found, key=lambda row: row[0])

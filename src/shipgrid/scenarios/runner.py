@@ -29,6 +29,7 @@ from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.errors import ParameterError, SolverError
 from shipgrid.model.network import Network
+from shipgrid.scenarios.events import seconds
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import Results, citation_keys, open_results
@@ -183,10 +184,10 @@ def simulate(
     if fidelity not in FIDELITIES:
         raise ParameterError(f"there is no fidelity '{fidelity}', expected one of {', '.join(FIDELITIES)}")
     of_scenario = scenario.step if fidelity == "averaged" else None
-    h = next(h for h in (step, of_scenario, DEFAULT_STEP) if h is not None)
+    h = seconds("step", next(h for h in (step, of_scenario, DEFAULT_STEP) if h is not None))
     if not SHORTEST_STEP <= h <= LONGEST_STEP:
         raise ParameterError(f"step = {h!r} s, expected {SHORTEST_STEP:g} s to {LONGEST_STEP:g} s")
-    end = scenario.duration if until is None else until
+    end = scenario.duration if until is None else seconds("until", until)
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     plan = build(ship, h, fidelity)
