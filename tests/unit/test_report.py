@@ -2,8 +2,11 @@
 
 import json
 import re
+import shutil
+import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -183,3 +186,20 @@ def test_a_plot_is_a_picture(run, tmp_path):
         InputErrors, match=r"plot\.txt: is no picture, expected a name that ends in \.png, \.svg, \.pdf"
     ):
         plot(run, ["dc_for.v_dc"], tmp_path / "plot.txt")
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the page's script with")
+@pytest.mark.parametrize("width", [250, 1000, 1600])
+@pytest.mark.parametrize(
+    ("low", "high"), [(0.0, 0.50004), (1.0012, 1.0034), (170.0, 170.2), (0.0, 4.99), (0.0, 5.0), (0.0, 3e5), (2.0, 2.0)]
+)
+def test_the_time_axis_has_ticks_and_labels_that_differ_at_any_zoom(width, low, high):
+    script = files("shipgrid.io").joinpath("static/report.js").read_text()
+    clock = script[script.index("  const clock") : script.index("  const number")]
+    axis = script[script.index("  const STEPS") : script.index("  function limits")]
+    end = "const at = ticks(null, 0, ...range); console.log(JSON.stringify([at, labels(at)]));"
+    program = f"const width = {width}, range = [{low}, {high}];" + clock + axis + end
+    at, labels = json.loads(subprocess.run(["node", "-e", program], capture_output=True, check=True).stdout)
+    assert 1 <= len(at) <= max(4, width / 110) + 1
+    assert all(low - 1e-9 <= t <= high + 1e-9 for t in at)
+    assert len(set(labels)) == len(at)

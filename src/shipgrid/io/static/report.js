@@ -27,8 +27,8 @@
   }
 
   function labels(at) {                            // seconds with as many digits as tell them apart, or a clock
-    if (range[1] - range[0] >= 5) return at.map(clock);
     const step = at.length > 1 ? at[1] - at[0] : 1e-6;
+    if (range[1] - range[0] >= 5 && step > 0.999) return at.map(clock);
     return at.map((t) => t.toFixed(Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-6)))) + " s");
   }
 
