@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ import synthetic_run
 from typer.testing import CliRunner
 
 from shipgrid.analysis.requirements import Verdict
-from shipgrid.cli.main import app
+from shipgrid.cli.main import FIDELITIES, app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled
 from shipgrid.scenarios import runner
@@ -260,20 +261,20 @@ def test_bench_measures_every_bundled_case_cold_and_warm(monkeypatch):
 
     asked = []
 
-    def in_a_process(cache, ship, scenario, steps):
-        asked.append((ship, scenario, len(list(Path(cache).iterdir())), len(steps) > 0))
+    def in_a_process(cache, ship, scenario, fidelity, steps):
+        asked.append((ship, scenario, fidelity, len(list(Path(cache).iterdir())), len(steps) > 0))
         (Path(cache) / f"compiled{len(asked)}").touch()
         return {"cpu_s": 1.5, **({"steps": {"30 us": {"median_us": 3.25}}} if steps else {})}
 
     monkeypatch.setattr(bench, "_in_a_process", in_a_process)
     result = shipgrid("bench", "--json")
     assert result.exit_code == 0, result.output
-    cases = [(ship, scenario) for ship in bundled("ship") for scenario in bundled("scenario")]
-    assert [a[:2] for a in asked] == [case for case in cases for _ in range(2)]
-    assert asked[0] == ("ferry", "mission", 0, False)  # cold: nothing compiled
-    assert asked[1] == ("ferry", "mission", 1, True)
+    cases = list(product(bundled("ship"), bundled("scenario"), FIDELITIES))
+    assert [a[:3] for a in asked] == [case for case in cases for _ in range(2)]
+    # nothing compiled before the first, cold case
+    assert [a[3:] for a in asked] == [(k, k % 2 == 1) for k in range(len(asked))]
     figures = json.loads(result.stdout)
-    assert figures["cases"]["ferry mission"]["cold"] == {"cpu_s": 1.5}
+    assert figures["cases"]["ferry mission averaged"]["cold"] == {"cpu_s": 1.5}
     assert {"version", "commit", "numba"} <= set(figures)
     table = shipgrid("bench").stdout
-    assert "cases.ferry mission.steps.30 us.median_us" in table and "3.25" in table
+    assert "cases.ferry mission averaged.steps.30 us.median_us" in table and "3.25" in table
