@@ -280,7 +280,7 @@ def between_steps(
     inside = s.edges[(s.edges > t[0]) & (s.edges < t[-1])]
     every = np.unique(np.concatenate([t, inside]))
     beside = s.integral(every) - np.interp(every, t, s.integral(t))
-    return every, np.interp(every, t, i) + rate * np.interp(every, t, v_dc) * beside
+    return every, np.interp(every, t, i) + rate * np.interp(every, t, np.broadcast_to(v_dc, t.shape)) * beside
 
 
 def _without_repeats(times: Array, values: Array) -> SwitchingFunction:

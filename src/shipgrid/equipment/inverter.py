@@ -294,8 +294,8 @@ class Inverter:
             ("i_g", "i_2", "A", "current of the transformer, from bridge to bar"),
             ("v_c", "v_c", "V", "voltage of the filter's capacitor"),
         ):
-            paths = {axis: f"{name}.filter.{axis}.{field}" for axis in axes}
-            net.publish_phases(f"{name}.{stem}", **paths, unit=unit, description=text, carrier=self.f_sw)
+            alpha, beta = (f"{name}.filter.{axis}.{field}" for axis in axes)
+            net.publish_phases(f"{name}.{stem}", alpha=alpha, beta=beta, unit=unit, description=text, carrier=self.f_sw)
         publish_bridge_voltage(net, name, f"{name}.filter", self.f_sw)
         net.watch_state(name, f"{name}.sequence.state", STATES)
         net.watch_refusal(name, f"{name}.sequence.refused", REFUSALS)

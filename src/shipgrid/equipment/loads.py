@@ -52,6 +52,6 @@ class AcLoad:
         v_alpha, v_beta = bus.nodes
         currents = {"i_alpha": f"{name}.load.alpha.i", "i_beta": f"{name}.load.beta.i"}
         net.add(f"{name}.meter", LoadMeter(), inputs={"v_alpha": v_alpha, "v_beta": v_beta} | currents)
-        paths = {axis: f"{name}.load.{axis}.i" for axis in ("alpha", "beta")}
-        net.publish_phases(f"{name}.i", **paths, unit="A", description="current of the load")
+        alpha, beta = currents["i_alpha"], currents["i_beta"]
+        net.publish_phases(f"{name}.i", alpha=alpha, beta=beta, unit="A", description="current of the load")
         net.publish(f"{name}.p_ac", source=f"{name}.meter.p_ac", unit="W", description="active power taken")

@@ -245,11 +245,11 @@ class Propulsion:
             (f"{self.propeller}.J_adv", f"{name}.propeller.J_adv", "1", "advance ratio of the screw", ratio),
         ):
             net.publish(public, source=source, unit=unit, description=text, group=group)
-        axes = ("alpha", "beta")
-        current, voltage = ({axis: f"{name}.motor.{symbol}_{axis}" for axis in axes} for symbol in "iv")
+        alpha, beta = (f"{name}.motor.i_{axis}" for axis in ("alpha", "beta"))
         text = "current of the motor, from bridge to motor"
-        net.publish_phases(f"{name}.i", **current, unit="A", description=text)
+        net.publish_phases(f"{name}.i", alpha=alpha, beta=beta, unit="A", description=text)
+        alpha, beta = (f"{name}.motor.v_{axis}" for axis in ("alpha", "beta"))
         text = "voltage of the bridge, mean of a step"
-        net.publish_phases(f"{name}.v", **voltage, unit="V", description=text, lines=True, mean=True)
+        net.publish_phases(f"{name}.v", alpha=alpha, beta=beta, unit="V", description=text, lines=True, mean=True)
         net.watch_state(name, f"{name}.sequence.state", states=STATES)
         net.watch_refusal(name, f"{name}.sequence.refused", reasons=REFUSALS)
