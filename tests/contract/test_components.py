@@ -420,6 +420,34 @@ def test_the_ferry_started_at_rest_stays_there():
     assert work.sig[places] == pytest.approx(before, rel=5e-4, abs=1e-4), moved
 
 
+PLANT = ("capacity", "L", "R", "C", "C_dc", "R_1", "R_2", "R_t", "inertia", "inertia_H", "p", "length", "power_factor")
+"""What a plant is built of, as keys of its items; gains and ratings are not drawn: those belong to one another."""
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_ferry_built_within_20_percent_of_the_bundled_one_comes_to_rest_and_stays_there(seed):
+    rng, changes = np.random.default_rng(seed), []
+    for name, item in load_ship("ferry").equipment.items():
+        hints = typing.get_type_hints(type(item), include_extras=True)
+        for field in dataclasses.fields(item):
+            if field.name in PLANT:
+                low, high = (0.8, 0.95) if field.name == "power_factor" else (0.8, 1.2)
+                value, unit = getattr(item, field.name), unit_of(hints[field.name])
+                value = float(rng.uniform(low, high)) * (1.0 if field.name == "power_factor" else value)
+                changes.append((f"equipment.{name}.{field.name}", f"{value!r} {unit}" if unit != "1" else repr(value)))
+    assert len(changes) > 20
+    ship = load_ship("ferry", changes)
+    plan = build(ship, 60e-6)
+    moored = {path: c.default if c.moored is None else c.moored for path, c in ship.commands.items()}
+    work, drift = operating_point(plan, moored)
+    assert drift < 2e-4
+    places = [plan.layout.index[plan.network.published[n].source] for n in ("dc_for.v_dc", "ac_for.f", "ac_aft.f")]
+    before = work.sig[places].copy()
+    steps = round(2.0 / plan.h)
+    assert woven_entry(plan)(steps, 0, *arguments(plan, work)) == steps
+    assert work.sig[places] == pytest.approx(before, rel=5e-4)
+
+
 def test_a_kernel_that_would_allocate_does_not_compile():
     @compiled_kernel
     def greedy(n):
