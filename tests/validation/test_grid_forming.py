@@ -261,6 +261,13 @@ def test_default_gains_damp_the_parallel_mode_twice_as_well_as_those_of_the_chec
         assert isolated(ours, load).rightmost().real < isolated(design, load).rightmost().real
 
 
+@pytest.mark.parametrize("power_factor", [0.8, 0.7, 0.6, 0.5])
+def test_default_gains_are_stable_with_a_resistance_parallel_to_an_inductance(power_factor):
+    assert isolated(controller(), parallel(8e3, power_factor)).rightmost().real < -0.5
+    if power_factor < 0.65:  # where those of the check values are not
+        assert isolated(controller(**DESIGN), parallel(8e3, power_factor)).rightmost().real > 0.0
+
+
 @pytest.mark.parametrize(("preset", "i"), [("default", 1.25), ("paper", 0.81)])
 @pytest.mark.parametrize(("R", "L"), [(1e-3, 5e-6), (0.3, 0.3e-3)], ids=["bolted", "behind a cable"])
 def test_a_fault_is_held_by_the_limits_and_damped(preset, i, R, L):
