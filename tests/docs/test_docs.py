@@ -122,7 +122,7 @@ def readme_examples() -> list[str]:
 
 def test_the_circuit_example_of_the_readme_runs():
     _, code = readme_examples()
-    names = {}
+    names = {"sg": shipgrid}
     exec(compile(code, "README.md", "exec"), names)
     # closed at 1 ms on a capacitor behind 0.5 ohm and 1 mH: up to 100 V (1 + exp(-pi alpha/omega)) at half a period
     far = names["run"]["far.v_dc"]

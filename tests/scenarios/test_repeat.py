@@ -52,7 +52,9 @@ def test_a_run_repeated_from_its_run_yaml_is_bit_identical(first, tmp_path):
     settings = [sg.open_results(f).settings for f in (folder, tmp_path / "again")]
     assert settings[0] == settings[1]
     assert settings[0]["ship"]["equipment"]["bess_for"]["capacity"] == "100 Ah"
-    assert settings[0]["waveforms"] == ["2.0 s:2.2 s"] and len(a["waveforms/0/time"]) == 2858
+    assert settings[0]["waveforms"] == ["2.0 s:2.2 s"] and len(a["waveforms/0/time"]) == pytest.approx(
+        0.2 / 70e-6, abs=1.0
+    )
     v_a, v_pu = a["waveforms/0/ac_for.v_a"], a["plant/ac_for.v_pu"][20]
     assert float(v_a.max()) == pytest.approx(400.0 * np.sqrt(2.0 / 3.0) * float(v_pu), rel=1e-2)
     energy = [json.loads((f / "summary.json").read_text())["energy"] for f in (folder, tmp_path / "again")]
@@ -63,11 +65,11 @@ def test_an_option_given_as_well_goes_before_what_the_run_yaml_says(first, tmp_p
     folder, _ = first
     said = shipgrid(
         *["run", str(folder / "run.yaml"), "--out", str(tmp_path / "again"), "--no-report"],
-        *["--until", "0.5 s", "--set", "equipment.bess_aft.capacity=90 Ah"],
+        *["--until", "2.5 s", "--set", "equipment.bess_aft.capacity=90 Ah"],
     )
     assert said.exit_code == 0, said.output
     run = sg.open_results(tmp_path / "again")
-    assert run.summary["simulated_s"] == pytest.approx(0.5, abs=70e-6)
+    assert run.summary["simulated_s"] == pytest.approx(2.5, abs=70e-6)
     assert run.summary["step_s"] == 70e-6
     assert run.settings["set"] == {
         "equipment.bess_for.capacity": "100 Ah",

@@ -26,10 +26,10 @@ class Plant:
     def __init__(self, ship, plan):
         self.sig, self.index = plan.layout.initial.copy(), plan.layout.index
         self.interlocks = Interlocks(ship, plan)
-        self.index_of_power = {side: self.source(plan, f"propulsion_{side}.p_dc") for side in ("for", "aft")}
+        self.plan = plan
         for side in ("for", "aft"):
             self.battery(side)
-            self.put(self.source(plan, f"propulsion_{side}.p_dc"), 20e3)
+            self.drive(side, 20e3)
         self.tie(True)
 
     @staticmethod
@@ -38,6 +38,10 @@ class Plant:
 
     def put(self, path, value):
         self.sig[self.index[path]] = float(value)
+
+    def drive(self, side, power):
+        self.put(self.source(self.plan, f"propulsion_{side}.omega_m"), 20.0)
+        self.put(self.source(self.plan, f"propulsion_{side}.tau_e"), power / 20.0)
 
     def battery(self, side, mode="droop", on=True):
         self.put(f"command:bess_{side}.on", on)
@@ -152,7 +156,7 @@ def test_a_rectifier_holds_the_bus_when_it_may_carry_its_load(plant):
 
 def test_a_battery_is_not_left_with_more_than_its_droop_carries(plant):
     for side in ("for", "aft"):
-        plant.put(plant.index_of_power[side], 30e3)
+        plant.drive(side, 30e3)
     assert "would not carry the load" in plant.ask(bess_for__on=False)["bess_for.on"]  # 128 A at 442 V are 57 kW
     assert plant.ask(bess_aft__i_ref=40.0) == {}
     assert [v.reason for v in plant.interlocks.again(plant.sig)] == [""]  # 168 A now
@@ -185,7 +189,7 @@ def test_opening_the_tie_does_not_leave_a_loaded_half_without_source(plant):
 def test_an_unloaded_bus_may_be_left(ship, plan):
     plant = Plant(ship, plan)
     for side in ("for", "aft"):
-        plant.put(plant.source(plan, f"propulsion_{side}.p_dc"), 0.0)
+        plant.drive(side, 0.0)
     assert plant.ask(bess_for__on=False, bess_aft__on=False) == {}
 
 

@@ -87,6 +87,7 @@ def ferry(monkeypatch):
     gains: dict[str, float] = {}
     monkeypatch.setattr(runner, "build", lambda ship, step, fidelity: feeder(**gains))
     monkeypatch.setattr(runner, "start", lambda plan, ship, scenario: (new_workspace(plan), 0.0))
+    monkeypatch.setattr(runner, "Interlocks", lambda ship, plan: None)  # they know the ferry's items, not the feeder
     return gains
 
 
