@@ -83,13 +83,9 @@ def test_examples_draw_their_figures(name, tmp_path):
     assert (tmp_path / "figure.png").stat().st_size > 20_000
 
 
-def test_buck_boost_at_thirty_microseconds_is_reported(capsys):
+def test_buck_boost_holds_its_bands_at_thirty_microseconds_too():
     """Its capacitor is eighty times faster than the step; the rule is L-stable, and nothing is seen of it."""
-    found, expected = figures("buck-boost", 30e-6), reference("buck-boost")
-    with capsys.disabled():
-        for key, value in expected.items():
-            print(f"\n{key:20s} ngspice {value:10.5g}   30 us {found[key]:10.5g}", end="")
-    assert all(math.isfinite(value) for value in found.values())
+    assert outside("buck-boost", 30e-6) == []
 
 
 @cache

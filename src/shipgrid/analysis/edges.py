@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shipgrid.errors import ParameterError
 from shipgrid.model.kernel import uncompiled
-from shipgrid.modulators.time_stamped import duty_ratios
+from shipgrid.modulators.gates import duty_ratios
 
 Array = NDArray[np.float64]
 

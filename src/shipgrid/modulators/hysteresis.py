@@ -34,6 +34,7 @@ import numpy as np
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.frames import SQRT3_2, alpha_beta_to_abc, unrotate
 from shipgrid.model.ops import clip, minimum
+from shipgrid.modulators.gates import BridgeGates, block
 from shipgrid.units import Ampere, Henry, Ohm, Radian, RadianPerSecond, Ratio, Volt, Weber
 
 MOST = 64
@@ -63,21 +64,6 @@ class HysteresisInput:
     gates: Ratio = signal("1 released, 0 blocked", initial=1.0)
 
 
-class HysteresisOutput:
-    """Output of the comparators."""
-
-    lo_a: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg a")
-    hi_a: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg a")
-    lo_b: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg b")
-    hi_b: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg b")
-    lo_c: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg c")
-    hi_c: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg c")
-    lead_a: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg a")
-    lead_b: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg b")
-    lead_c: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg c")
-    limited: Ratio = signal("1 in a step with more crossings than are followed", limiter=True)
-
-
 @kernel
 def crossing(s, e, slope, band):
     """When a phase of switch position `s`, error `e` and slope of it crosses its band: time from now, or infinity."""
@@ -104,10 +90,7 @@ def hysteresis_modulate(dt, fraction, x, u, p, y):
     e_a, e_b, e_c = alpha_beta_to_abc(e_alpha, e_beta)
     if u.gates < 0.5:
         x.s_a, x.s_b, x.s_c = compare(x.s_a, e_a, p.band), compare(x.s_b, e_b, p.band), compare(x.s_c, e_c, p.band)
-        y.lo_a = y.lo_b = y.lo_c = 0.0
-        y.hi_a = y.hi_b = y.hi_c = 1.0
-        y.lead_a = y.lead_b = y.lead_c = 0.0
-        y.limited = 0.0
+        block(y)
         return
 
     # slopes in A per step, at the angle of the step's middle
@@ -169,7 +152,7 @@ def hysteresis_modulate(dt, fraction, x, u, p, y):
 @component(
     state=HysteresisState,
     input=HysteresisInput,
-    output=HysteresisOutput,
+    output=BridgeGates,
     modulate=hysteresis_modulate,
     stage="modulate",
 )

@@ -17,8 +17,7 @@ A duty ratio computed at one sampling instant comes into force at the next (comp
 period (regular sampling, once or twice a carrier period by the choice of the clock; a carrier that is no multiple
 of the clock is asynchronous). In the step with the instant, at its fraction f, (2) is taken on both sides of f.
 
-Bridges: m_k = 1/2 + s_k - (max s + min s)/2 with min-max injection, m_k = 1/2 + s_k without, s_k the phase values
-of the modulation vector; beyond 0 or 1 (over-modulation) the duty ratio is cut, and `limited` says so.
+A duty ratio beyond 0 or 1 (over-modulation) is cut, and `limited` says so.
 
 With a `dead_time`, each edge opens one switch at once and closes the other that much later. In between the current
 decides: `lo` counts only what the upper switch is closed, `hi` all but what the lower switch is closed. With a
@@ -26,11 +25,7 @@ decides: `lo` counts only what the upper switch is closed, `hi` all but what the
 or not at all if the next one has come by then; `postponed` counts how often. Time is then walked edge by edge, and
 what the legs have done since the last edge goes from step to step. Gates act at the start of a step.
 
-`lead` serves the sampled current: with the integral of s up to f in steps,
-
-    lead = integral_0^f s - f s_mean,    i(f) = i_n + f (i_n+1 - i_n) + (h/L) v_dc lead          (3)
-
-in the sign of a current that s drives. With a dead time it is that of the middle between `lo` and `hi`; with one
+`lead` (modulators/gates.py) with a dead time is that of the middle between `lo` and `hi`; with one
 switch driven, that of the diode that conducts while that switch is open; such a leg also hands over how long it
 waits for its switch (docs/theory/conduction.md).
 
@@ -42,18 +37,22 @@ from __future__ import annotations
 import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.ops import clip, maximum, minimum
+from shipgrid.modulators.gates import (
+    BOTH,
+    LIMIT,
+    LOWER,
+    UPPER,
+    BridgeGates,
+    LegGates,
+    block,
+    duty_ratios,
+    over_modulated,
+)
 from shipgrid.units import Ratio, Second
 
 TIE = 1e-11
 """An edge this close to a step's end, in steps, is the next step's: rounding carries none out twice, or not at all."""
-
-LIMIT = 1e-9
-"""A duty ratio this much beyond 0 or 1 is over-modulated: less is rounding at the edge of the linear range."""
-
-BOTH, LOWER, UPPER = 1.0, 2.0, 3.0
-"""Values of a leg's `gates`: both switches driven, the lower one alone (boost), the upper one alone (buck)."""
 
 
 class CarrierOutput:
@@ -252,14 +251,10 @@ class LegInput:
     turns: Ratio = signal("carrier periods completed in between")
 
 
-class LegOutput:
+class LegOutput(LegGates):
     """Output of the half-bridge modulator."""
 
-    lo: Ratio = signal("least mean switching function of the coming step that the gates leave open")
-    hi: Ratio = signal("greatest mean switching function of the coming step that the gates leave open")
-    lead: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps")
     wait: Ratio = signal("share of the step before the first part in which a switch is driven, if only one ever is")
-    limited: Ratio = signal("1 while the reference is beyond 0 or 1", limiter=True)
 
 
 @kernel
@@ -337,29 +332,6 @@ class BridgeInput:
     turns: Ratio = signal("carrier periods completed in between")
 
 
-class BridgeOutput:
-    """Output of the bridge modulator."""
-
-    lo_a: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg a")
-    hi_a: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg a")
-    lo_b: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg b")
-    hi_b: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg b")
-    lo_c: Ratio = signal("least mean switching function of the coming step that the gates leave open, leg c")
-    hi_c: Ratio = signal("greatest mean switching function of the coming step that the gates leave open, leg c")
-    lead_a: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg a")
-    lead_b: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg b")
-    lead_c: Ratio = signal("integral of s up to the sampling instant over that of its mean, in steps, leg c")
-    limited: Ratio = signal("1 while a duty ratio is cut: over-modulation", limiter=True)
-
-
-@kernel
-def duty_ratios(s_alpha, s_beta, injection):
-    """Duty ratios of the three legs for a modulation vector, not yet cut; `injection` 1 with min-max, 0 without."""
-    a, b, c = alpha_beta_to_abc(s_alpha, s_beta)
-    middle = 0.5 - 0.5 * injection * (maximum(a, maximum(b, c)) + minimum(a, minimum(b, c)))
-    return a + middle, b + middle, c + middle
-
-
 @kernel
 def bridge_modulate(dt, fraction, x, u, p, y):
     """As `leg_modulate`, for the three legs of a bridge."""
@@ -369,9 +341,7 @@ def bridge_modulate(dt, fraction, x, u, p, y):
         x.alpha = u.s_alpha_ref
         x.beta = u.s_beta_ref
         a_next, b_next, c_next = duty_ratios(x.alpha, x.beta, p.injection)
-    highest = maximum(a_next, maximum(b_next, c_next))
-    lowest = minimum(a_next, minimum(b_next, c_next))
-    y.limited = 1.0 if highest > 1.0 + LIMIT or lowest < -LIMIT else 0.0
+    y.limited = over_modulated(a_next, b_next, c_next)
     a, a_next = clip(a, 0.0, 1.0), clip(a_next, 0.0, 1.0)
     b, b_next = clip(b, 0.0, 1.0), clip(b_next, 0.0, 1.0)
     c, c_next = clip(c, 0.0, 1.0), clip(c_next, 0.0, 1.0)
@@ -398,16 +368,13 @@ def bridge_modulate(dt, fraction, x, u, p, y):
         y.lo_c, y.lead_c, n_c = pulse(phase_c, end_c, u.turns, fraction, c, c_next)
         y.hi_a, y.hi_b, y.hi_c = y.lo_a, y.lo_b, y.lo_c
     if u.gates < 0.5:
-        y.lo_a = y.lo_b = y.lo_c = 0.0
-        y.hi_a = y.hi_b = y.hi_c = 1.0
-        y.lead_a = y.lead_b = y.lead_c = 0.0
-        y.limited = 0.0
+        block(y)
     else:
         x.edges += n_a + n_b + n_c
         x.postponed += late
 
 
-@component(state=BridgeState, input=BridgeInput, output=BridgeOutput, modulate=bridge_modulate, stage="modulate")
+@component(state=BridgeState, input=BridgeInput, output=BridgeGates, modulate=bridge_modulate, stage="modulate")
 class TimeStampedBridge:
     """Pulse-width modulator of a three-phase two-level bridge."""
 

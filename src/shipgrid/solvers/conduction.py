@@ -41,6 +41,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipgrid.model import kernel
+from shipgrid.model.frames import PHASES, abc_to_alpha_beta
 from shipgrid.solvers.companion import GAMMA
 
 DRIVEN, AT_LO, AT_HI, FLOATING = 0, 1, 2, 3
@@ -56,8 +57,7 @@ SINGULAR = 1e-12
 """Share of an element's own admittances below which nothing conducts along a direction: an open contact, rounding."""
 DEAD_V = 1.0
 """Bus voltage [V] below which a bridge's power is not told from its current: no share of a landing is booked there."""
-SQRT3 = np.sqrt(3.0)
-AXIS = ((1.0, 0.0), (-0.5, 0.5 * SQRT3), (-0.5, -0.5 * SQRT3))
+AXIS = tuple(PHASES.values())
 """Axes of the phases a, b, c in the alpha-beta plane."""
 
 
@@ -96,9 +96,9 @@ def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, co
                 constraint[b, 1] = AXIS[k][0]
                 constraint[b, 2] = AXIS[k][1]
     constraint[b, 0] = floating
-    s_a, s_b, s_c = leg_s[first], leg_s[first + 1], leg_s[first + 2]
-    sig[bridge_s[b, 0]] = (2.0 * s_a - s_b - s_c) / 3.0
-    sig[bridge_s[b, 1]] = (s_b - s_c) / SQRT3
+    alpha, beta = abc_to_alpha_beta(leg_s[first], leg_s[first + 1], leg_s[first + 2])
+    sig[bridge_s[b, 0]] = alpha
+    sig[bridge_s[b, 1]] = beta
 
 
 @kernel
@@ -209,7 +209,6 @@ def constrain(
     port_minus,
     port_w,
     port_first,
-    port_count,
     port_weight,
     coefficient,
     history,
@@ -333,7 +332,6 @@ def release(
     port_first,
     port_count,
     port_voltage,
-    coefficient,
     history,
     n_linear_ports,
     bridge_port,
@@ -519,7 +517,7 @@ def unsettled(conduct):
 
 
 @kernel
-def meter_bridges(sig, leg_first, leg_s, leg_state, bridge_port, bridge_s, bridge_meter, bridge_mean, conduct):
+def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, bridge_mean, conduct):
     """Publish what each bridge did in the step: switching function in force, currents, power."""
     for b in range(bridge_port.shape[0]):
         if conduct[0] > 0:
@@ -527,9 +525,9 @@ def meter_bridges(sig, leg_first, leg_s, leg_state, bridge_port, bridge_s, bridg
             if bridge_port[b, 1] < 0:
                 sig[bridge_s[b, 0]] = leg_s[first]
             else:
-                s_a, s_b, s_c = leg_s[first], leg_s[first + 1], leg_s[first + 2]
-                sig[bridge_s[b, 0]] = (2.0 * s_a - s_b - s_c) / 3.0
-                sig[bridge_s[b, 1]] = (s_b - s_c) / SQRT3
+                alpha, beta = abc_to_alpha_beta(leg_s[first], leg_s[first + 1], leg_s[first + 2])
+                sig[bridge_s[b, 0]] = alpha
+                sig[bridge_s[b, 1]] = beta
         m = bridge_meter[b]
         sig[m] = bridge_mean[b, 4]
         sig[m + 1] = bridge_mean[b, 3]
@@ -548,8 +546,7 @@ def lead_samples(
         first = leg_first[b]
         if leg_first[b + 1] - first == 1:
             ahead = sig[leg_lead[first]]
-        elif lead_axis[k] == 0:
-            ahead = (2.0 * sig[leg_lead[first]] - sig[leg_lead[first + 1]] - sig[leg_lead[first + 2]]) / 3.0
         else:
-            ahead = (sig[leg_lead[first + 1]] - sig[leg_lead[first + 2]]) / SQRT3
+            alpha, beta = abc_to_alpha_beta(sig[leg_lead[first]], sig[leg_lead[first + 1]], sig[leg_lead[first + 2]])
+            ahead = alpha if lead_axis[k] == 0 else beta
         lead[lead_state[k]] = h * lead_rate[k] * ahead * sig[node_signal[bridge_node[b]]]

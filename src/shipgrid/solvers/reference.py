@@ -45,6 +45,7 @@ from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import type_order
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
+from shipgrid.model.frames import abc_to_alpha_beta
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import StateSpace, state_space
 
@@ -521,9 +522,7 @@ class _Plant:
                 if any(np.any(np.delete(self.C[k], list(held)) != 0.0) for k in poles):
                     raise SolverError(f"{legs.path} is blocked, and the reference solver has no diodes")
                 lo = np.full(len(lo), 0.5)
-            vector = (
-                [lo[0]] if len(lo) == 1 else [(2.0 * lo[0] - lo[1] - lo[2]) / 3.0, (lo[1] - lo[2]) / math.sqrt(3.0)]
-            )
+            vector = [lo[0]] if len(lo) == 1 else abc_to_alpha_beta.py_func(*lo)
             sig[net.bridge_s[b, : len(vector)]] = vector
 
     def _matrices(self, coefficient: np.ndarray, held: list[int], opened: list[slice], positions: list[int]) -> None:

@@ -15,12 +15,9 @@ The conductance couples the axes and changes with the poles, so that it is stamp
 
 from __future__ import annotations
 
-import math
-
 from shipgrid.model import Terminal, component, kernel, param, signal
+from shipgrid.model.frames import SQRT3_2, alpha_beta_to_abc
 from shipgrid.units import Ampere, Ohm, Ratio, Volt
-
-SQRT3_2 = math.sqrt(3.0) / 2.0
 
 
 class State:
@@ -116,7 +113,7 @@ def limit(x: State, u: Input, p: ThreePoleBreaker):
     g_aa, g_ab, g_bb = conductance(x, u, p)
     i_alpha = g_aa * u.v_alpha + g_ab * u.v_beta
     i_beta = g_ab * u.v_alpha + g_bb * u.v_beta
-    i_a, i_b, i_c = i_alpha, -0.5 * i_alpha + SQRT3_2 * i_beta, -0.5 * i_alpha - SQRT3_2 * i_beta
+    i_a, i_b, i_c = alpha_beta_to_abc(i_alpha, i_beta)
     if u.close.real > 0.5:
         x.open_a = 0.0
         x.open_b = 0.0
