@@ -7,7 +7,7 @@ diodes decide (`components/converters/two_level_bridge.py`).
 `lead` belongs to the step that holds the sampling instant of the modulator's clock, at the fraction f of the step: with
 the integral of s up to f in steps,
 
-    lead = integral_0^f s - f s_mean,    i(f) = i_n + f (i_n+1 - i_n) + (h/L) v_dc lead          (gates-1)
+    lead = integral_0^f s - f s_mean,    i(f) = i_n + f (i_n+1 - i_n) + (h/L) v_dc lead          (modulation-3)
 
 in the sign of a current that s drives. So the current sampled inside a step is the one that flows there.
 
