@@ -48,7 +48,8 @@ for node in ("a.v_dc", "b.v_dc"):
 run = woven_entry(plan)
 assert run(4, 0, *arguments(plan, work)) == 4
 signals = {n: work.sig[plan.layout.index[n]] for n in ("speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta")}
-print(json.dumps(signals | {"module": run.py_func.__module__, "compiled": sum(run.stats.cache_misses.values())}))
+misses = sum(run.stats.cache_misses.values()) if hasattr(run, "stats") else 0
+print(json.dumps(signals | {"module": run.__module__, "compiled": misses}))
 """
 
 EDITS = {
@@ -92,9 +93,10 @@ class Copy:
             Path(shipgrid.__file__).parent, folder / "shipgrid", ignore=shutil.ignore_patterns("__pycache__")
         )
 
-    def run(self, **case) -> dict:
+    def run(self, compiler: bool = True, **case) -> dict:
         """Signals of the small plant, run in a new process; the module's name, and how many functions it compiled."""
         surroundings = os.environ | {
+            "NUMBA_DISABLE_JIT": "0" if compiler else "1",
             "PYTHONPATH": str(self.folder),
             "SHIPGRID_CACHE": str(self.cache),
             # a source changed twice within a second must not be taken from byte code of the first change
@@ -155,6 +157,13 @@ def test_values_connections_numbers_of_instances_and_the_step_compile_nothing(co
     assert changed["module"] == copy.first["module"]
     assert changed["speed_0.tau_ref"] == pytest.approx(5.0 * 0.08)
     assert copy.files() == before
+
+
+def test_a_plant_runs_without_the_compiler_to_the_last_bit(copy):
+    """So that a debugger can step through it."""
+    plain = copy.run(compiler=False, drives=2)
+    assert plain["compiled"] == 0
+    assert plain == copy.run(drives=2)
 
 
 class LinkInput:

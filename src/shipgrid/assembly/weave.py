@@ -24,10 +24,10 @@ import numpy as np
 
 import shipgrid
 from shipgrid.assembly.layout import TypeLayout
-from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight
+from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES
-from shipgrid.model.kernel import argument_names, call_uncompiled
+from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, conduction, nodal
@@ -98,15 +98,20 @@ def woven_entry(plan: Plan) -> Callable[..., int]:
 
 
 def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
-    """What the entry point takes after the step numbers: plan, workspace, and each type's views of the flat vector.
+    """What the entry point takes after the step numbers: a table of all arrays, then the numbers."""
+    arrays, numbers = named_values(plan, work)
+    return ArrayTable(list(arrays.values())).numbers, *numbers.values()
 
-    Each array is an argument of its own: passing tuples of arrays on to every function multiplies the compile time.
-    """
-    values: list[Any] = [work.sig, plan.gathers["network"]["latest"]]
-    values += [*plan.net, *work.net, *plan.step, *work.step]
+
+def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """By name, the arrays and the numbers that a woven module works on: plan, workspace, views of the flat vector."""
+    found: dict[str, Any] = {"sig": work.sig, "sources": plan.gathers["network"]["latest"]}
+    for part in (plan.net, work.net, plan.step, work.step):
+        found |= part._asdict()
     for t in plan.layout.types:
-        values += [value for _, value in type_views(plan, work, t)]
-    return tuple(values)
+        found |= dict(type_views(plan, work, t))
+    arrays = {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
+    return arrays, {name: value for name, value in found.items() if name not in arrays}
 
 
 def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
@@ -166,14 +171,26 @@ def weave(plan: Plan) -> str:
 
     functions: list[str] = []
     calls: list[str] = []
-    known = [*SHARED, *(name for t in types for name in _names(t))]
+    arrays, numbers = named_values(plan, new_workspace(plan))
+    places = dict(zip(arrays, ArrayTable(list(arrays.values())).places, strict=True))
+    views: dict[tuple[str, int], str] = {}
     ordered = type_order(plan)
 
-    def function(name: str, body: list[str]) -> str:
-        """Add one function of the module: small ones that take what they use compile fastest. Returns its call."""
+    def with_views(body: list[str]) -> list[str]:
+        """Lines of a function, after those that find the arrays they name in the table."""
         used = set(re.findall(r"[A-Za-z_]\w*", "\n".join(body)))
-        passed = ", ".join(name for name in known if name in used)
-        functions.extend(["", "", "@kernel", f"def {name}({passed}):", *(f"    {line}" for line in body)])
+        found = []
+        for name in (name for name in arrays if name in used):
+            dtype = arrays[name].dtype
+            kind = repr(dtype.descr if dtype.names else dtype.str), arrays[name].ndim
+            found.append(f"{name} = {views.setdefault(kind, f'view_{len(views)}')}(table, {places[name]})")
+        return found + body
+
+    def function(name: str, body: list[str]) -> str:
+        """Add one function of the module, since small ones compile fastest. Returns its call."""
+        used = set(re.findall(r"[A-Za-z_]\w*", "\n".join(body)))
+        passed = ", ".join(["table", *(name for name in ("t", *numbers) if name in used)])
+        functions.extend(["", "", "@kernel", f"def {name}({passed}):", *(f"    {line}" for line in with_views(body))])
         return f"{name}({passed})"
 
     for stage in STAGES:
@@ -184,34 +201,36 @@ def weave(plan: Plan) -> str:
                 call = function(f"{stage}_{t.kind.key}", _call(t, imported))
                 calls += [call] if stage == "modulate" else [f"if due[{types.index(t)}] != 0:", f"    {call}"]
     books = function("keep_books", _audit(types, imported))
-    lines = [
-        '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
-        "from shipgrid.model.kernel import entry_point, kernel",
-        "from shipgrid.solvers import bookkeeping, conduction, nodal",
-        *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
-        *functions,
-        "",
-        "",
-        "@entry_point",
-        "def run(n_steps, first_step,",
-        *(f"        {name}," for name in known if name != "t"),
-        "        ):",
-        "    for k in range(n_steps):",
-        "        done = first_step + k + 1",
-        "        t = (done - 1) * h",
-        f"        {_shared(bookkeeping.tick_clocks)}",
-        *(f"        {line}" for line in calls),
-        f"        if {_shared(bookkeeping.record)}:",
-        f"            {books}",
-        f"            wrong = {_shared(bookkeeping.audit)}",
-        "            if wrong >= 0:",
-        "                bad = wrong",
-        "        if bad >= 0:",
-        "            return -(k + 1)",
-        "    return n_steps",
-        "",
+    step = [
+        "for k in range(n_steps):",
+        "    done = first_step + k + 1",
+        "    t = (done - 1) * h",
+        f"    {_shared(bookkeeping.tick_clocks)}",
+        *(f"    {line}" for line in calls),
+        f"    if {_shared(bookkeeping.record)}:",
+        f"        {books}",
+        f"        wrong = {_shared(bookkeeping.audit)}",
+        "        if wrong >= 0:",
+        "            bad = wrong",
+        "    if bad >= 0:",
+        "        return -(k + 1)",
+        "return n_steps",
     ]
-    return "\n".join(lines)
+    entry = ["", "", "@entry_point", f"def run(n_steps, first_step, table, {', '.join(numbers)}):"]
+    entry += [f"    {line}" for line in with_views(step)]
+    return "\n".join(
+        [
+            '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
+            "from shipgrid.model.kernel import array_view, entry_point, kernel",
+            "from shipgrid.solvers import bookkeeping, conduction, nodal",
+            *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
+            "",
+            *(f"{name} = array_view({element}, {ndim})" for (element, ndim), name in views.items()),
+            *functions,
+            *entry,
+            "",
+        ]
+    )
 
 
 SHARED = (
@@ -234,21 +253,6 @@ def _shared(kernel: Any) -> str:
     if unknown:
         raise TypeError(f"{function.__name__} asks for unknown arguments {sorted(unknown)}")
     return f"{function.__module__.rsplit('.', 1)[-1]}.{function.__name__}({', '.join(names)})"
-
-
-def _names(t: TypeLayout) -> list[str]:
-    key, kind = t.kind.key, t.kind
-    found = []
-    if t.nx:
-        found += [f"{key}_{n}" for n in ("x", "xf", "af", "a", "bf", "b", "cf", "c")]
-    found += [f"{key}_u"] if t.nu else []
-    found += [f"{key}_y"] if t.ny else []
-    found += [f"{key}_p"] if len(t.parameters) else []
-    found += [f"{key}_n"] if kind.stamped else []
-    found += [f"{key}_clock", f"{key}_weight"]
-    if not kind.linear:
-        found += [f"{key}_{n}" for n in ("measured_start", "measured", "latest_start", "latest", "measured_lead")]
-    return found
 
 
 def _pass(kernel: Any, key: str, **values: str) -> str:

@@ -5,25 +5,33 @@ branch at every division; `fastmath` stays off so that sums keep their order and
 never cached on disk; only the entry point of a woven module is (docs/decisions/0002-woven-module.md).
 
 `_nrt=False` compiles without reference counts: a kernel that would allocate does not compile, and views of the flat
-vector are passed on without the atomic increments that cost a step of the ferry several microseconds.
+vector are passed on without the atomic increments that cost a step of the ferry several microseconds. Nobody calls a
+kernel as a C function: its wrapper for that is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cache
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
+from itertools import chain
 from types import FunctionType
 from typing import Any, TypeVar
 
-from numba import config, njit
+import numpy as np
+from llvmlite import ir
+from numba import config, njit, types
 from numba.core.dispatcher import Dispatcher
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+from numba.np.numpy_support import from_dtype
 
 # Loops here are over two or three instances: vectorised copies of them are an eighth of the compile time and no faster.
 config.LOOP_VECTORIZE = 0  # pyright: ignore[reportAttributeAccessIssue]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "_nrt": False}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "_nrt": False, "no_cfunc_wrapper": True}
 
 
 def kernel(function: Function) -> Dispatcher[Function]:
@@ -34,6 +42,63 @@ def kernel(function: Function) -> Dispatcher[Function]:
 def entry_point(function: Function) -> Dispatcher[Function]:
     """Compile the `function` by which a woven module is entered; its machine code is kept on disk."""
     return njit(cache=True, nogil=True, **OPTIONS)(function)
+
+
+class ArrayTable:
+    """Addresses and shapes of arrays, one after the other, by which a compiled function finds them.
+
+    An array as an argument is seven numbers, and they are passed on as often as functions nest: the hundreds of arrays
+    of a ship took half of the compile time and an eighth of the step (docs/decisions/0002-woven-module.md).
+    """
+
+    def __init__(self, arrays: Sequence[np.ndarray]) -> None:
+        if not all(a.flags.c_contiguous for a in arrays):
+            raise ValueError("an array of a table must lie in one piece")
+        entries = [[a.ctypes.data, *a.shape] for a in arrays]
+        self.places = np.cumsum([0, *map(len, entries)])[:-1].tolist()
+        self.kept = arrays, np.array(list(chain(*entries)), dtype=np.int64)
+        self.__array_interface__ = self.kept[1].__array_interface__
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """The table itself, (entries,) of int64; it keeps alive what it names."""
+        return np.asarray(self)
+
+
+def array_view(dtype: Any, ndim: int) -> Any:
+    """What compiled code calls as `view(table, place)`: the array, of this type, whose entry begins at `place`."""
+    element = np.dtype(dtype)
+    if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
+        return partial(_plain_view, element, ndim)
+    array = types.Array(from_dtype(element), ndim, "C")
+    word = ir.IntType(64)
+
+    @intrinsic
+    def view(_context: Any, table: Any, place: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            numbers = make_array(signature.args[0])(context, builder, arguments[0]).data
+
+            def number(k: int) -> Any:
+                return builder.load(builder.gep(numbers, [builder.add(arguments[1], word(k))]))
+
+            found = make_array(array)(context, builder)
+            shape = [number(1 + k) for k in range(ndim)]
+            strides = [word(element.itemsize)]
+            for length in shape[:0:-1]:
+                strides.insert(0, builder.mul(strides[0], length))
+            data = builder.inttoptr(number(0), found.data.type)
+            populate_array(found, data, shape, strides, itemsize=word(element.itemsize), meminfo=None)
+            return found._getvalue()
+
+        return array(table, types.int64), build
+
+    return view
+
+
+def _plain_view(element: np.dtype, ndim: int, table: np.ndarray, place: int) -> np.ndarray:
+    shape = table[place + 1 : place + 1 + ndim]
+    memory = (ctypes.c_char * int(element.itemsize * np.prod(shape))).from_address(int(table[place]))
+    return np.frombuffer(memory, element).reshape(shape).view(np.recarray if element.names else np.ndarray)
 
 
 @cache
