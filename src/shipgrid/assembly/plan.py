@@ -671,7 +671,7 @@ def _bridges(
             found["rate"].append(own[0] if own else 0.0)
         leg_first.append(len(found["lo"]))
         node = number[legs.bus.nodes[0]]
-        found["port"].append([*poles, -1][:2])
+        found["port"].append([*poles, poles[0]][:2])
         found["node"].append(node)
         found["weight"].append(legs.weight)
         places = [layout.index[pole] for pole in legs.poles]

@@ -27,7 +27,7 @@ from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES
-from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled
+from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, without_sign
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, conduction, nodal
@@ -105,13 +105,19 @@ def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
 
 def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """By name, the arrays and the numbers that a woven module works on: plan, workspace, views of the flat vector."""
-    found: dict[str, Any] = {"sig": work.sig, "sources": plan.gathers["network"]["latest"]}
-    for part in (plan.net, work.net, plan.step, work.step):
-        found |= part._asdict()
+    constant: dict[str, Any] = {
+        "sources": plan.gathers["network"]["latest"],
+        **plan.net._asdict(),
+        **plan.step._asdict(),
+    }
+    moving: dict[str, Any] = {"sig": work.sig, **work.net._asdict(), **work.step._asdict()}
     for t in plan.layout.types:
-        found |= dict(type_views(plan, work, t))
-    arrays = {name: value for name, value in found.items() if isinstance(value, np.ndarray)}
-    return arrays, {name: value for name, value in found.items() if name not in arrays}
+        moving |= dict(type_views(plan, work, t))
+        constant |= {f"{t.kind.key}_{name}": value for name, value in plan.gathers.get(t.kind.key, {}).items()}
+        constant[f"{t.kind.key}_clock"] = plan.clock_of[t.kind.key]
+    numbers = {name: value for name, value in constant.items() if not isinstance(value, np.ndarray)}
+    places = {name: without_sign(value) for name, value in constant.items() if name not in numbers}
+    return moving | places, numbers
 
 
 def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
@@ -140,11 +146,7 @@ def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, An
         first = _first_machine(plan, t)
         block = work.net.norton[first : first + count].ravel()
         view("n", block, NORTON)
-    found.append((f"{key}_clock", plan.clock_of[key]))
     found.append((f"{key}_weight", np.array([p.axis_weight for p in t.placed])))
-    if not kind.linear:
-        for name, value in plan.gathers[key].items():
-            found.append((f"{key}_{name}", value))
     return found
 
 

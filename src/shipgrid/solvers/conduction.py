@@ -249,7 +249,7 @@ def constrain(
         W_aa = values[w0 + port_w[A] + A - port_first[A]]
         W_ab = W_ba = W_bb = 0.0
         h_b = 0.0
-        if B >= 0:
+        if B != A:
             W_bb = values[w0 + port_w[B] + B - port_first[B]]
             h_b = history[B]
             if port_first[A] == port_first[B]:
@@ -287,7 +287,7 @@ def constrain(
             if port_first[j] == port_first[A]:
                 ja = values[w0 + port_w[j] + A - port_first[A]]
                 aj = values[w0 + port_w[A] + j - port_first[A]]
-            if B >= 0 and port_first[j] == port_first[B]:
+            if B != A and port_first[j] == port_first[B]:
                 jb = values[w0 + port_w[j] + B - port_first[B]]
                 bj = values[w0 + port_w[B] + j - port_first[B]]
             c = coefficient[j]
@@ -369,21 +369,20 @@ def release(
                 w_0, w_1 = constraint[b, 1] * w_0, constraint[b, 2] * w_0
             port_voltage[A] += w_0
             bridge_mean[b, 0] += share * w_0
-            if B >= 0:
+            if B != A:
                 port_voltage[B] += w_1
                 bridge_mean[b, 1] += share * w_1
             if n_linear_ports <= A:  # a machine takes its voltages from the flat vector
                 sig[port_v[A]] = port_voltage[A]
                 sig[port_v[B]] = port_voltage[B]
         power = 0.0
-        for axis in range(2):
+        for axis in range(1 if A == B else 2):
             j = bridge_port[b, axis]
-            if j >= 0:
-                i = history[j]
-                row = part_start[5] + port_w[j]
-                for c in range(port_count[j]):
-                    i += values[row + c] * port_voltage[port_first[j] + c]
-                power += port_voltage[j] * i
+            i = history[j]
+            row = part_start[5] + port_w[j]
+            for c in range(port_count[j]):
+                i += values[row + c] * port_voltage[port_first[j] + c]
+            power += port_voltage[j] * i
         v_dc = v[bridge_node[b]]
         power *= bridge_weight[b]
         bridge_mean[b, 2] += share * v_dc
@@ -445,14 +444,14 @@ def settle_legs(
         i_a, i_b = history[A], 0.0
         for c in range(port_count[A]):
             i_a += values[row + c] * port_voltage[port_first[A] + c]
-        if B >= 0:
+        if B != A:
             i_b = history[B]
             row = part_start[5] + port_w[B]
             for c in range(port_count[B]):
                 i_b += values[row + c] * port_voltage[port_first[B] + c]
         v_dc = bridge_mean[b, 2]
         pole_a = coefficient[A] * v_dc + bridge_mean[b, 0]
-        pole_b = (coefficient[B] * v_dc + bridge_mean[b, 1]) if B >= 0 else 0.0
+        pole_b = (coefficient[B] * v_dc + bridge_mean[b, 1]) if B != A else 0.0
         v_dc = max(v_dc, 0.0)
         tolerance = SMALL * (v_dc + np.abs(pole_a) + np.abs(pole_b)) + SMALL
         before = changed
@@ -522,7 +521,7 @@ def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, br
     for b in range(bridge_port.shape[0]):
         if conduct[0] > 0:
             first = leg_first[b]
-            if bridge_port[b, 1] < 0:
+            if bridge_port[b, 0] == bridge_port[b, 1]:
                 sig[bridge_s[b, 0]] = leg_s[first]
             else:
                 alpha, beta = abc_to_alpha_beta(leg_s[first], leg_s[first + 1], leg_s[first + 2])
