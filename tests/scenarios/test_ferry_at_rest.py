@@ -10,6 +10,7 @@ from shipgrid.analysis.steady_state import advance, operating_point
 from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.weave import arguments, type_views, woven_entry
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
+from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.model.network import Network
 from shipgrid.scenarios.runner import build
 
@@ -148,7 +149,7 @@ def at_10_kn(ship, commands):
         work.sig[index[f"propulsion_{side}.shaft.omega_m"]] = 307.0 * np.pi / 30.0
         work.sig[index[f"propulsion_{side}.cruise.u_ramp"]] = 10.0 * KNOT
         work.sig[index[f"propulsion_{side}.cruise.u_lag"]] = 10.0 * KNOT
-        work.sig[index[f"propulsion_{side}.cruise.speed.i"]] = 307.0 / 450.0
+        work.sig[index[f"propulsion_{side}.cruise.speed.i"]] = demand.py_func(307.0 / 450.0, ShipSpeed().y_0)
     advance(plan, work, 90.0)
     return plan, work
 

@@ -16,6 +16,7 @@ import shipgrid as sg
 from scenarios.story import Story
 from shipgrid.analysis.steady_state import fresh, operating_point
 from shipgrid.automation.interlocks import Interlocks
+from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.scenarios.runner import Run, build, command_text, go
 
 STEP = 90e-6
@@ -33,11 +34,16 @@ def under_way():
     work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
     index = plan.layout.index
     shaft = SPEED / 6.0 * 184.0 / 450.0  # 184 rpm at 6 kn
+    thrust = demand.py_func(shaft, ShipSpeed().y_0)
     work.sig[index["hull.surge.u_ship"]] = SPEED * KN
     for side in ("for", "aft"):
         work.sig[index[f"command:propulsion_{side}.speed_ref"]] = SPEED * KN
         work.sig[index[f"propulsion_{side}.shaft.omega_m"]] = shaft * 450.0 * math.pi / 30.0
-        for state, value in (("u_ramp", SPEED * KN), ("u_lag", SPEED * KN), ("speed.i", shaft)):
+        for state, value in (
+            ("u_ramp", SPEED * KN),
+            ("u_lag", SPEED * KN),
+            ("speed.i", thrust),
+        ):
             work.sig[index[f"propulsion_{side}.cruise.{state}"]] = value
     story = Story(ship, plan=plan, work=work, every=5000)
     return carry_on(story.go(40.0))

@@ -113,9 +113,18 @@ def test_revolutions_stop_at_rated_and_the_integrator_does_not_wind_up():
 
 def test_cruise_control_takes_over_from_what_ship_and_shaft_do():
     x, y = cruise(1.0, u_ship=2.0, omega_pu=0.3, enabled=0.0, speed_ref=3.0)
-    assert (x.u_lag, x.speed.i, y.n_ref) == (2.0, 0.3, 0.3)
-    _, y = cruise(0.01, {"u_ramp": 2.0, "u_lag": 2.0, "speed.i": 0.3}, u_ship=2.0, omega_pu=0.3, speed_ref=3.0)
+    assert (x.u_lag, y.n_ref) == (2.0, 0.3)
+    going = {"u_ramp": 2.0, "u_lag": 2.0, "speed.i": x.speed.i}
+    _, y = cruise(0.01, going, u_ship=2.0, omega_pu=0.3, speed_ref=3.0)
     assert y.n_ref == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize("n", [-1.0, -0.4, -1e-3, 0.0, 1e-6, 0.1, 0.68, 1.0])
+def test_shaft_speed_follows_the_root_of_the_demand(n):
+    y_0 = ShipSpeed().y_0
+    y = ship_speed.demand.py_func(np.float64(n), y_0)
+    assert y * math.sqrt((1.0 + y_0) / (abs(y) + y_0)) == pytest.approx(n, rel=1e-9, abs=1e-15)
+    assert abs(y) == pytest.approx(n * n, abs=0.03)  # beside a share of thrust: at most (1 + y_0) y_0
 
 
 def test_two_integrators_are_drawn_together_only_while_both_are_on():

@@ -239,15 +239,32 @@ def test_ship_stops_and_stays_without_swinging():
     assert np.abs(omega[-60:]).max() < 0.15  # 1.4 rpm of 450
     assert np.ptp(trace[-300:, 2]) < 0.3  # metres in the last five minutes
     assert (np.diff(np.sign(u[reached:])) != 0.0).sum() <= 1
-    assert u.min() > -0.02
+    assert u.min() > -0.025
 
 
-def test_without_the_leak_the_screws_swing_for_an_hour():
+def test_without_the_leak_the_screws_swing_to_and_fro():
     # the reason for the leak: should this fail, it is not needed
-    refs = KNOT * same([6.0] * 300 + [0.0] * 1200)
-    trace = voyage(refs, cruise=ShipSpeed(T_leak=1e9))
-    assert (np.diff(np.sign(trace[500:, 3])) != 0.0).sum() > 10
-    assert np.abs(trace[800:900, 3]).max() / OMEGA_N > 0.02
+    refs = KNOT * same([6.0] * 300 + [0.0] * 600)
+    swings = {T_leak: voyage(refs, cruise=ShipSpeed(T_leak=T_leak))[480:, 3] for T_leak in (20.0, 1e9)}
+    changes = {T_leak: (np.diff(np.sign(omega)) != 0.0).sum() for T_leak, omega in swings.items()}
+    assert changes[20.0] <= 1 and changes[1e9] >= 3
+    assert -swings[1e9].min() > 0.03 * OMEGA_N
+    assert -swings[20.0].min() < 0.003 * OMEGA_N
+
+
+PUBLISHED = ShipSpeed(K_i=1.0, y_0=1e9)
+"""The published cruise control: its PI gives the shaft speed itself."""
+
+
+def fall_before_the_end_of_the_ramp(cruise: ShipSpeed) -> float:
+    """How far thrust falls back, as a share of its peak, between leaving and the ramp's end at 6 kn, 120 s later."""
+    thrust = voyage(KNOT * same([6.0] * 121), cruise=cruise)[:, 5]
+    return (np.maximum.accumulate(thrust) - thrust).max() / thrust.max()
+
+
+def test_thrust_rises_to_6_knots_without_a_swing_and_with_the_published_control_it_swings():
+    assert fall_before_the_end_of_the_ramp(ShipSpeed()) < 0.02
+    assert fall_before_the_end_of_the_ramp(PUBLISHED) > 0.4
 
 
 def test_moored_ship_stays_where_it_is():
@@ -256,11 +273,11 @@ def test_moored_ship_stays_where_it_is():
 
 
 def test_drives_started_at_different_times_come_to_share_the_load():
-    refs = KNOT * same([6.0] * 500)
+    refs = KNOT * same([6.0] * 700)
     on = np.ones_like(refs)
-    on[:200, 1] = 0.0
+    on[:400, 1] = 0.0
     trace = voyage(refs, on)
-    alone, together = trace[195], trace[-1]
+    alone, together = trace[395], trace[-1]
     assert alone[3] > 1.2 * together[3]  # one screw turns faster than two
     assert together[3] == pytest.approx(together[7], rel=1e-3)
     assert together[4] == pytest.approx(together[8], rel=1e-3)
@@ -299,7 +316,8 @@ def reference_solution(speed_ref: float, times: np.ndarray) -> np.ndarray:
         return min(max(10.0 * (n_ref - n) + i, -1.257), 1.257)
 
     def revolutions(u_lag, u, i):
-        return min(max(3.0 * (u_lag - u) / (10.0 * KNOT) + i, -1.0), 1.0)
+        y = min(max(3.0 * (u_lag - u) / (10.0 * KNOT) + i, -1.0), 1.0)
+        return y * math.sqrt(1.02 / (abs(y) + 0.02))
 
     def right(t, z):
         u, omega, u_lag, i_u, i_n = z
@@ -316,7 +334,7 @@ def reference_solution(speed_ref: float, times: np.ndarray) -> np.ndarray:
             ((1.0 - t_f) * 2.0 * thrust - 18.06e3 * (u / (10.0 * KNOT)) ** 2) / 407.16e3,
             (tau_pu * TAU_N - tau * (2.0 - eta_s)) / 383.4,
             (min(rate * t, speed_ref) - u_lag) / T_lag,
-            (u_lag - u) / (10.0 * KNOT) - leak * i_u,
+            0.2 * (u_lag - u) / (10.0 * KNOT) - leak * i_u,
             15.0 * (n_ref - omega / OMEGA_N),
         ]
 

@@ -2,23 +2,28 @@
 
     u_ramp  follows speed_ref at `rate`                                             (1)
     u_lag   follows u_ramp with the time constant `T_lag`                           (2)
-    n_ref = PI((u_lag - u_ship) / u_n),   |n_ref| <= 1 pu                           (3)
-    di/dt = K_i e  + (i_neighbour - i) / T_share  - w i / T_leak                    (4)
+    y = PI((u_lag - u_ship) / u_n),   |y| <= 1                                      (3)
+    n_ref = y sqrt(1 + y_0) / sqrt(|y| + y_0)                                       (4)
+    di/dt = K_i e  + (i_neighbour - i) / T_share  - w i / T_leak                    (5)
     w = max(0, 1 - |u_lag| / u_leak)
 
-(1) and (2) keep the power of acceleration below the sources' limit and the overshoot below 2 %. The other two terms
-of (4) are additions to the published controller, each for a reason:
+(1) and (2) keep the power of acceleration below the sources' limit and the overshoot below 2 %. The published
+controller is (3) with n_ref = y. (4) and the other two terms of (5) are additions to it, each for a reason:
+
+*Thrust.* It goes with the square of shaft speed, so that the gain of the published loop goes with the speed: with its
+gains of 3 and 1 the damping ratio falls to 0.2 at 90 rpm, and thrust swings by half of its peak when the ship leaves.
+With (4) the loop has the same gain everywhere: y is a share of the thrust at rated speed, down to `y_0`, below which
+the shaft speed is in proportion to it (a root has no slope at zero). K_i follows from a damping ratio of 0.7 with the
+published K_p (docs/decisions/0012-cruise-control.md). K_i = 1 with a y_0 far above 1 is the published controller.
 
 *Sharing.* Every drive has its own integrator, and all act on the one speed of the ship: what they differ by is never
 corrected. So each one's is drawn to that of its neighbour (the drives of a ship form a ring) while that is on: the
 difference dies out with `T_share` and the sum is untouched. Given unequal references, two drives part by a bounded
 amount instead of winding up against each other.
 
-*Leak.* Thrust goes with the square of shaft speed, so that the loop gain vanishes at standstill: with a pure
-integrator the screws swing to and fro for an hour, 0.05 pu after five minutes, while the ship rocks by some mm/s. At
-zero speed nothing needs an integrator (no resistance), so it leaks while the reference is below `u_leak`. The ship
-then settles without swinging: the speed dies out as 1/(0.1 t), within 5 mm/s a minute after the reference has come to
-rest (tested). Against a steady force at standstill (wind) it holds with a slight creep: 3 cm/s for 1 kN.
+*Leak.* The loop gain still vanishes at standstill. At zero speed nothing needs an integrator (no resistance), so it
+leaks while the reference is below `u_leak`. Against a steady force at standstill (wind) the ship holds with a slight
+creep.
 
 While the drive is off it follows the ship's and the shaft's actual speed, and takes over from there.
 
@@ -26,6 +31,8 @@ Source: [DAgostino2020] table A1; docs/theory/propulsion.md.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.pi import PiState, pi
@@ -46,7 +53,7 @@ class Input:
     u_ship: MetrePerSecond = signal("speed of the ship", initial=0.0)
     omega_pu: PerUnit = signal("shaft speed over rated speed")
     enabled: Ratio = signal("1 while the drive is on", initial=1.0)
-    i_neighbour: PerUnit = signal("integrator of the next drive in the ring", initial=0.0)
+    i_neighbour: Ratio = signal("integrator of the next drive in the ring", initial=0.0)
     neighbour_enabled: Ratio = signal("1 while that drive is on", initial=0.0)
 
 
@@ -56,30 +63,47 @@ class Output:
 
 
 @kernel
+def demand(n, y_0):
+    """What gives the shaft speed `n` by (4)."""
+    share = n * n / (1.0 + y_0)
+    size = 0.5 * (share + np.sqrt(share * (share + 4.0 * y_0)))
+    return size if n.real >= 0.0 else -size
+
+
+@kernel
 def update(dt, x: State, u: Input, p: ShipSpeed, x_next: State, y: Output):
     if u.enabled.real > 0.5:
         x_next.u_ramp = ramp(u.speed_ref, x.u_ramp, p.rate, dt)  # (1)
         x_next.u_lag = low_pass(x_next.u_ramp, x.u_lag, 1.0 / p.T_lag, dt)  # (2)
         e = (x_next.u_lag - u.u_ship) / p.u_n
-        y.n_ref = pi(e, 0.0, p.K_p, p.K_i, -1.0, 1.0, dt, x.speed, x_next.speed)  # (3)
+        thrust = pi(e, 0.0, p.K_p, p.K_i, -1.0, 1.0, dt, x.speed, x_next.speed)  # (3)
+        y.n_ref = thrust * np.sqrt((1.0 + p.y_0) / (absolute(thrust) + p.y_0))  # (4)
         leak = maximum(0.0, 1.0 - absolute(x_next.u_lag) / p.u_leak) / p.T_leak
         share = (u.i_neighbour - x.speed.i) / p.T_share if u.neighbour_enabled.real > 0.5 else 0.0 * x.speed.i
-        x_next.speed.i += dt * (share - leak * x.speed.i)  # (4)
-        y.limited = 1.0 if absolute(y.n_ref).real >= 1.0 else 0.0
+        x_next.speed.i += dt * (share - leak * x.speed.i)  # (5)
+        y.limited = 1.0 if absolute(thrust).real >= 1.0 else 0.0
     else:
         x_next.u_ramp = u.u_ship
         x_next.u_lag = u.u_ship
         y.n_ref = clip(u.omega_pu, -1.0, 1.0)
-        x_next.speed.i = y.n_ref
+        x_next.speed.i = demand(y.n_ref, p.y_0)
         y.limited = 0.0
 
 
 @component(state=State, input=Input, output=Output, stage="outer", update=update)
 class ShipSpeed:
-    """Ship speed PI with ramp and lag on its reference; per unit of 10 kn and of rated shaft speed."""
+    """Ship speed PI with ramp and lag on its reference, its output in per unit of the thrust at rated shaft speed."""
 
     K_p: PerUnit = param("proportional gain", default=3.0, at_least=0.0, source="[DAgostino2020] table A1")
-    K_i: PerUnitPerSecond = param("integral gain", default=1.0, at_least=0.0, source="[DAgostino2020] table A1")
+    K_i: PerUnitPerSecond = param(
+        "integral gain", default=0.2, at_least=0.0, source="damping ratio 0.7: docs/theory/propulsion.md; published: 1"
+    )
+    y_0: Ratio = param(
+        "demand, as a share of thrust at rated speed, below which shaft speed is in proportion to it",
+        default=0.02,
+        above=0.0,
+        source="chosen: 0.02 to 0.05 tried; far above 1 it is the published controller",
+    )
     u_n: MetrePerSecond = param(
         "ship speed that is 1 pu", default=10.0 * KNOT, above=0.0, source="10 kn, [DAgostino2020] table A1"
     )
