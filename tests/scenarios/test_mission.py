@@ -98,10 +98,13 @@ def test_settled_intervals_are_settled(mission):
 @pytest.mark.parametrize(
     "signal", ["propeller_for.thrust", "propeller_aft.thrust", "propulsion_for.tau_e", "propulsion_aft.i_q"]
 )
-def test_thrust_torque_and_current_rise_to_10_kn_without_ringing(mission, signal):
-    """After the ramp's end they fall to their steady values from above, and cross them at most once."""
+@pytest.mark.parametrize("start, end", [(10.0, 300.0), (310.0, 600.0)], ids=["6 kn", "10 kn"])
+def test_thrust_torque_and_current_rise_without_ringing(mission, signal, start, end):
+    """They rise with the ramp; after its end they fall to their steady values, and cross them at most once."""
     for ending in ("", "_min", "_max"):
-        values = window(mission, signal + ending, 310.0, 600.0).values.astype(float)
+        values = window(mission, signal + ending, start, end).values.astype(float)
+        rising = values[: np.argmax(values) + 1]
+        assert (np.maximum.accumulate(rising) - rising).max() < 0.05 * values.max(), ending
         final = values[-50:].mean()
         after_peak = values[np.argmax(values) :] - final
         crossings = np.count_nonzero(np.diff(np.sign(after_peak[np.abs(after_peak) > 5e-3 * final])))

@@ -14,9 +14,10 @@ import synthetic_run
 from typer.testing import CliRunner
 
 from shipgrid.analysis.requirements import Verdict
-from shipgrid.cli.main import FIDELITIES, app
+from shipgrid.cli.main import app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled
+from shipgrid.model.network import FIDELITIES
 from shipgrid.scenarios import runner
 
 

@@ -684,3 +684,11 @@ def test_everything_wrong_with_events_is_said_at_once():
         plan.run(until=1e3)
     with pytest.raises(ParameterError, match="until"):
         plan.run(until=0.0)
+
+
+@pytest.mark.parametrize("step", ["30 us", 0.0, float("nan"), None])
+def test_a_step_that_is_no_time_and_a_fidelity_that_is_none_are_refused(step):
+    with pytest.raises(ParameterError, match="is not a positive number of seconds"):
+        sg.assemble(sg.Network("circuit"), step=step)
+    with pytest.raises(ParameterError, match="no fidelity 'mean', expected one of averaged, switching"):
+        sg.Network("circuit", "mean")

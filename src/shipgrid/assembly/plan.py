@@ -190,8 +190,8 @@ def assemble(
     ParameterError
         If the step is too long for a sampled controller.
     """
-    if not (math.isfinite(step) and step > 0.0):
-        raise ParameterError(f"step = {step!r} s is not a positive time")
+    if not (isinstance(step, float | int) and math.isfinite(step) and step > 0.0):
+        raise ParameterError(f"step = {step!r} is not a positive number of seconds")
     layout = lay_out(network)
     clocks = _Clocks(step)
     clock_of, gathers = {}, {}

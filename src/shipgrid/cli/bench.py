@@ -20,7 +20,7 @@ SPELL = 0.05
 
 def warm_up() -> float:
     """Compile everything that runs of the ferry need, at both fidelities; returns the seconds it took."""
-    from shipgrid.scenarios.runner import FIDELITIES
+    from shipgrid.model.network import FIDELITIES
 
     began = time.perf_counter()
     for fidelity in FIDELITIES:
@@ -43,12 +43,13 @@ def measure() -> dict[str, Any]:
     from shipgrid.errors import InputErrors
     from shipgrid.io.scenario_file import load_case
     from shipgrid.io.ship_file import bundled
+    from shipgrid.model.network import FIDELITIES
     from shipgrid.scenarios import runner
 
     cases: dict[str, Any] = {}
     for ship in bundled("ship"):
         with tempfile.TemporaryDirectory() as cache:
-            for scenario, fidelity in itertools.product(bundled("scenario"), runner.FIDELITIES):
+            for scenario, fidelity in itertools.product(bundled("scenario"), FIDELITIES):
                 try:
                     loaded = load_case(ship, scenario)[1]
                 except InputErrors:  # a scenario for another ship

@@ -20,7 +20,6 @@ import typer
 VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
 LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
 SCHEMAS = ("ship", "scenario")
-FIDELITIES = ("averaged", "switching")
 
 app = typer.Typer(
     name="shipgrid",
@@ -282,6 +281,7 @@ def _case(
     from shipgrid.io.run_file import is_run_file, read_run_file
     from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, read_case, step_range
     from shipgrid.io.ship_file import open_document
+    from shipgrid.model.network import FIDELITIES
 
     problems: list[str] = []
 
@@ -333,7 +333,7 @@ def _case(
             )
     if problems:
         raise InputErrors(problems)
-    options: dict[str, Any] = {"fidelity": fidelity or FIDELITIES[0], "step": step_s, "until": until_s}
+    options: dict[str, Any] = {"fidelity": fidelity or "averaged", "step": step_s, "until": until_s}
     options |= {"waveforms": windows} if windows else {}
     return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from shipgrid.errors import TopologyError
+from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
 from shipgrid.model.frames import PHASES
 
@@ -181,6 +181,10 @@ class Watched:
     refusal: bool = False
 
 
+FIDELITIES = ("averaged", "switching")
+"""Mean values of the converters, or every edge."""
+
+
 @dataclass
 class Network:
     """Buses, components, commands and public signals of a plant.
@@ -194,7 +198,7 @@ class Network:
     """
 
     name: str
-    fidelity: str = "averaged"
+    fidelity: str = FIDELITIES[0]
     buses: dict[str, Bus] = field(default_factory=dict, init=False)
     capacitances: dict[str, float] = field(default_factory=dict, init=False)
     conductances: dict[str, float] = field(default_factory=dict, init=False)
@@ -205,6 +209,10 @@ class Network:
     published: dict[str, PublicSignal] = field(default_factory=dict, init=False)
     waveforms: dict[str, Waveform] = field(default_factory=dict, init=False)
     watched: list[Watched] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        if self.fidelity not in FIDELITIES:
+            raise ParameterError(f"there is no fidelity '{self.fidelity}', expected one of {', '.join(FIDELITIES)}")
 
     def dc_bus(self, name: str, v_n: float) -> DcBus:
         """Add a DC bus of nominal voltage `v_n` [V]."""

@@ -28,7 +28,7 @@ from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.errors import ParameterError, SolverError
-from shipgrid.model.network import Network
+from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios.events import seconds
 from shipgrid.scenarios.output_folder import prepare
 from shipgrid.scenarios.recorder import ResultsWriter
@@ -77,9 +77,6 @@ class Run:
     def t(self) -> float:
         """Simulated time [s]."""
         return self.work.n * self.plan.h
-
-
-FIDELITIES = ("averaged", "switching")
 
 
 def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
