@@ -163,9 +163,9 @@ TIE = np.array([1.0, -1.0])
 def test_the_power_of_every_bridge_is_the_same_on_both_sides(moored):
     """Ten thousand steps with all eight bridges at work.
 
-    A bridge's meter is at its poles, on the AC side. The currents that it says the bridges draw have to be, with those of
-    capacitor, bleeder and tie, nothing: on both buses, in every step. And the power at the poles of those with a choke
-    has to be that of the choke's current: mean voltages and currents of the two stages of the step.
+    A bridge's meter is at its poles, on the AC side. The currents that it says the bridges draw have to be, with those
+    of capacitor, bleeder and tie, nothing: on both buses, in every step. And the power at the poles of those with a
+    choke has to be that of the choke's current: voltages and currents of the two stages of the step.
     """
     plan, beginning = moored["switching"]
     work, index, net = beginning.snapshot(), plan.layout.index, plan.net
