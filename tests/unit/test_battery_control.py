@@ -132,7 +132,7 @@ def test_current_limit_holds_in_voltage_forming_without_winding_up():
     c = Controller().set(mode_ref=VOLTAGE, v_dc=680.0).settle(2.0)
     assert c.x.i_star == 192.0
     assert c.y.current_limit == 1.0
-    assert c.x.voltage.i < 192.0  # stood still while limited
+    assert c.x.voltage_boost.i < 192.0  # stood still while limited
     c.set(v_dc=751.0).settle(0.2)
     assert c.x.i_star < 192.0
 

@@ -451,6 +451,17 @@ def test_blocked_gates_leave_everything_open_and_are_obeyed_at_once():
     assert np.all(s[:, 3:] - s[:, :3] <= 0.1 + 1e-12)
 
 
+@pytest.mark.parametrize(("gates", "wait", "driven"), [(2.0, 2.0 / 3.0 - 0.1, 0.0), (3.0, 0.0, 2.0 / 3.0 - 0.1)])
+def test_one_driven_switch_gives_the_integral_of_its_driven_part_up_to_the_sample(gates, wait, driven):
+    """A duty of 0.97 and 6.667 steps a period: the lower switch's pulse, 0.2 steps long, around the sample at 2/3."""
+    bench = Bench(TimeStampedLeg(), carrier=5e3, sampling=5e3, active=0.97)
+    u, y = bench.u[0], bench.y[0]
+    u.gates, u.s_ref = gates, 0.97
+    u.phase, u.phase_next, u.turns = 0.9, 0.05, 1.0
+    leg_modulate(H, 2.0 / 3.0, bench.x[0], u, bench.p[0], y)
+    assert (y.wait, y.lead, y.sampled) == pytest.approx((wait, driven, 2.0 / 3.0), abs=1e-12)
+
+
 @pytest.mark.parametrize(("gates", "lo", "hi"), [(1.0, None, None), (2.0, 0.0, None), (3.0, None, 1.0)])
 def test_a_leg_with_one_switch_driven_leaves_the_rest_to_the_diodes(gates, lo, hi):
     bench = Bench(TimeStampedLeg(), carrier=5e3, sampling=5e3, active=0.62)
@@ -464,7 +475,8 @@ def test_a_leg_with_one_switch_driven_leaves_the_rest_to_the_diodes(gates, lo, h
         expected, lead, _ = pulse(u.phase, u.phase_next, u.turns, fraction, 0.62, 0.62)
         assert y.lo == (expected if lo is None else lo)
         assert y.hi == (expected if hi is None else hi)
-        assert y.lead == lead  # of the diode that conducts while the driven switch is open
+        assert y.sampled == (max(fraction, 0.0) if gates != 1.0 else 0.0)
+        assert y.lead == lead or gates != 1.0
         mean, low, high = mean + expected / 200, low + y.lo / 200, high + y.hi / 200
     assert mean == pytest.approx(0.62, abs=1e-12)
     assert bench.x[0].edges == 60.0

@@ -98,7 +98,7 @@ class Side:
         c = self.controls[k]
         c.x.v_f, c.x.mode, c.x.i_star, c.x.v_ref = v_dc, c.u.mode_ref, i_star, c.u.v_dc_ref
         c.x.i_set = c.u.i_ref
-        c.x.voltage.i = i_star
+        c.x.voltage_boost.i, c.x.voltage_buck.i = max(i_star, 0.0), min(i_star, 0.0)
         c.x.current.i = 0.25 * i_star
         c.x.boost = 1.0 if i_star >= 0.0 else 0.0
         self.z[2 * k : 2 * k + 2] = E - 34.375e-3 * i_star, i_star
@@ -191,7 +191,7 @@ def test_poles_of_voltage_forming_are_those_of_its_two_integrators(capacitance):
     start = initial_of(declared).astype(complex)
     x = over(start, declared, "c16")
     x.v_f = x.v_ref = 750.0
-    x.mode, x.i_star, x.current.i, x.voltage.i = VOLTAGE, i_0, 0.25 * i_0, i_0
+    x.mode, x.pattern, x.i_star, x.current.i, x.voltage_boost.i = VOLTAGE, 1.0, i_0, 0.25 * i_0, i_0
     duty = (E - 0.284375 * i_0) / 750.0
     point = np.concatenate([[E - 34.375e-3 * i_0, i_0, 750.0], start, [duty]])
 

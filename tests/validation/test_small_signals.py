@@ -166,7 +166,7 @@ def test_without_transformer_reactance_parallel_inverters_lose_damping_as_the_de
 def test_battery_that_forms_the_bus_has_the_published_eigenvalues(capacitance, expected):
     """Computed for an ideal current loop without filter: 10 % is what these make of them."""
     plan = rig.battery_forming(capacitance)
-    start = {"converter.i_l": 21.0, "control.voltage.i": 21.0, "control.i_star": 21.0, "control.current.i": 5.0}
+    start = {"converter.i_l": 21.0, "control.voltage_boost.i": 21.0, "control.i_star": 21.0, "control.current.i": 5.0}
     point = steady_state(plan, start=start | {"battery.leg.s": 0.62})
     exact = linearise(plan, point, method="sampled").modes()
     near(exact, expected, within=0.10)

@@ -18,8 +18,8 @@ from shipgrid.errors import TopologyError
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network, Sampled
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedLeg
-from shipgrid.solvers.conduction import ALL_AT_ONCE, wait_for_gates
-from verification.circuits import Gates, LegGates, SourceBranch, Wave
+from shipgrid.solvers.conduction import ALL_AT_ONCE, stands_still, wait_for_gates
+from verification.circuits import Gates, LegGates, Sampler, SourceBranch, Wave
 
 OMEGA = 2.0 * math.pi * 60.0
 PEAK = 480.0 * math.sqrt(2.0 / 3.0)
@@ -301,6 +301,7 @@ def one_switch(gates, duty, ohms, step):
     dc = net.dc_bus("dc", 750.0)
     net.add("carrier", Carrier(), clock=Sampled(5e3))
     phase = {name: f"carrier.{name}" for name in ("phase", "phase_next", "turns")}
+    net.add("meter", Sampler(), inputs={"v": "choke.i"}, clock=Sampled(5e3))
     inputs = {"s_ref": duty, "gates": gates, **phase}
     net.add("modulator", TimeStampedLeg(), inputs=inputs, initial={"active": duty}, clock=Sampled(5e3))
     pole = net.half_bridge("leg", HalfBridge(), dc, modulator="modulator")
@@ -327,10 +328,14 @@ def test_one_driven_switch_at_thirty_microseconds_has_the_mean_of_one(gates, bus
         settled = round(0.08 / step)
         woven_entry(plan)(settled, 0, *arguments(plan, work))
         work.n, work.step.rows[:] = settled, 0
-        found.append(stepped(plan, work, 0.012, [bus])[bus].mean())
+        run = stepped(plan, work, 0.012, [bus, "meter.sample", "choke.i"])
+        found.append([run[bus].mean(), run["meter.sample"].mean(), np.ptp(run["choke.i"])])
     coarse, middle, fine = found
-    assert abs(coarse / fine - 1.0) < 0.01  # 0.8 % for the buck's shortest pulse at the least load; else 0.4 %
-    assert abs(middle / fine - 1.0) < 1e-4
+    assert abs(coarse[0] / fine[0] - 1.0) < 0.01  # 0.8 % for the buck's shortest pulse at the least load; else 0.4 %
+    assert abs(middle[0] / fine[0] - 1.0) < 1e-4
+    # what a controller samples, in the middle of boost's pulse and of buck's pause: 0.08 % of the ripple
+    assert abs(coarse[1] - fine[1]) < 1e-3 * fine[2]
+    assert abs(middle[1] - fine[1]) < 1e-3 * fine[2]
 
 
 def test_a_leg_without_current_waits_for_its_switch():
@@ -347,9 +352,10 @@ def test_volt_seconds_of_a_wait_land_a_current_and_then_keep_it_at_zero():
     h, rate, v_dc = 30e-6, 1.0 / 0.8e-3, 750.0
     wait_ = uncompiled(wait_for_gates)
     per_ampere = 1.0 / (rate * h * v_dc)
-    assert wait_(h, 0.6, rate, v_dc, 0.0, 0.0, 0.632) == pytest.approx(0.6 * 0.632)
+    assert wait_(0.6, 0.632, per_ampere, 0.0) == pytest.approx(0.6 * 0.632)
     # 3 A into the leg, which fell from 10 A at s = 1 in the step before: stands still at what that says
-    rest = 1.0 - 7.0 * per_ampere
-    assert wait_(h, 0.6, rate, v_dc, -3.0, -10.0, 1.0) == pytest.approx(0.6 * rest + 3.0 * per_ampere)
-    assert wait_(h, 0.6, rate, v_dc, -50.0, -57.0, 1.0) == 0.6  # conducts throughout
-    assert wait_(h, 0.6, rate, v_dc, 50.0, 57.0, 0.0) == 0.0
+    rest = uncompiled(stands_still)(per_ampere, 1.0, -10.0, -3.0)
+    assert rest == pytest.approx(1.0 - 7.0 * 0.8e-3 / (30e-6 * 750.0))
+    assert wait_(0.6, rest, per_ampere, -3.0) == pytest.approx(0.6 * rest + 3.0 * per_ampere)
+    assert wait_(0.6, rest, per_ampere, -50.0) == 0.6  # conducts throughout
+    assert wait_(0.6, rest, per_ampere, 50.0) == 0.0

@@ -650,7 +650,7 @@ def _bridges(
 ) -> dict[str, np.ndarray]:
     """Fields of `NetworkPlan` that describe bridges and their legs."""
     found: dict[str, list[Any]] = {
-        key: [] for key in ("lo", "hi", "lead", "wait", "rate", "port", "node", "weight", "s", "meter")
+        key: [] for key in ("lo", "hi", "lead", "wait", "sampled", "rate", "port", "node", "weight", "s", "meter")
     }
     leg_first, related_first, related, touched_first, touched = [0], [0], [], [0], []
     clamps: dict[int, float] = {}
@@ -666,7 +666,8 @@ def _bridges(
         for phase in legs.phases:
             for key in ("lo", "hi", "lead"):
                 found[key].append(layout.place(f"{legs.modulator}.{key}{phase}", legs.path))
-            found["wait"].append(layout.index.get(f"{legs.modulator}.wait{phase}", ZERO))
+            for key in ("wait", "sampled"):
+                found[key].append(layout.index.get(f"{legs.modulator}.{key}{phase}", ZERO))
             own = [abs(rate) for _, j, rate in driven if j == poles[0] and len(legs.phases) == 1]
             found["rate"].append(own[0] if own else 0.0)
         leg_first.append(len(found["lo"]))
@@ -704,6 +705,7 @@ def _bridges(
         "leg_hi": integers(found["hi"]),
         "leg_lead": integers(found["lead"]),
         "leg_wait": integers(found["wait"]),
+        "leg_sampled": integers(found["sampled"]),
         "leg_rate": np.array(found["rate"], dtype=float),
         "bridge_port": integers(found["port"], bridges, 2),
         "bridge_node": integers(found["node"]),

@@ -12,9 +12,21 @@ Its reference, positive discharging, battery side:
     voltage (2)   i_star = PI(v_ref - v_f), boost branch >= 0, buck branch <= 0           (4)
     current (3)   i_star = i_set                                                          (5)
 
-v_f is the bus voltage through a low-pass; v_ref and i_set follow their commands at a limited rate. In (4) the paper
-has one PI for boost and one for buck. Averaged, these are one PI whose current keeps one sign on a branch; the
-branch changes when the current has come to zero and the voltage is more than `v_band` on the other side.
+v_f is the bus voltage through a low-pass; v_ref and i_set follow their commands at a limited rate. (4) has one PI for
+boost and one for buck; the one not in use rests at zero. The branch changes when the current has come to zero and the
+voltage is more than `v_band` on the other side.
+
+With `alternate`, voltage forming drives one switch at a time, as the paper has it: boost the lower one, buck the upper
+one, so that no current can flow against its branch. At light load it then comes to rest within the period; a mean of
+i_star takes the driven switch only a share d of the period, less than (1) would have it,
+
+    d = sqrt(2 L |i_star| v_open / (v_closed v_dc T))                                     (6)
+
+where v_closed and v_open drive the current up and down again: v_b and v_dc - v_b of a boost, the other way round of a
+buck. Whichever of (1) and (6) closes the switch for the shorter time is right; while it is (6), the integrator of (1)
+rests. So i_star is the mean current in both kinds of conduction, down to no pulse at all. The gates follow one
+sampling period later, with the duty ratio that belongs to them. Averaged modulators have no periods, hence no
+discontinuous conduction: there `alternate` stays 0, both switches are driven, and i_star alone keeps the sign.
 
 Every change of mode is bumpless: i_set, or the integrator of (4), is set so that i_star stays where it is, and i_set
 then moves to its command, until it arrives at the faster rate of a hand-over. Started (`enable`), v_ref begins at the
@@ -24,12 +36,14 @@ the battery keeps holding the bus while others take its load over, or the voltag
 The current is limited to i_max, and fades to zero over `soc_fade` as the charge comes to soc_min (discharging) or
 soc_max (charging); the fade is an addition to the paper.
 
-Source: [DAgostino2020] sec. 3.1, fig. 5b-d, table A1; docs/theory/battery.md.
+Source: [DAgostino2020] sec. 3.1, fig. 5b-d, table A1; (6) [DeGusseme2005]; docs/theory/battery.md.
 """
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.pi import PiState, pi
@@ -55,6 +69,7 @@ from shipgrid.units import (
 )
 
 OFF, DROOP, VOLTAGE, CURRENT = 0.0, 1.0, 2.0, 3.0
+BLOCKED, BOTH, LOWER, UPPER = 0.0, 1.0, 2.0, 3.0  # gates of the leg, as its modulator has them
 SETTLED_A, SETTLED_V = 0.5, 0.1  # how close a ramped reference counts as arrived
 
 
@@ -66,8 +81,10 @@ class State:
     mode: Ratio = signal("mode in force, 0 off")
     handing: Ratio = signal("1 from a change of mode until the set point has arrived")
     boost: Ratio = signal("voltage forming: 1 on the boost branch, 0 on the buck branch", initial=1.0)
+    pattern: Ratio = signal("gates that belong to the duty ratio now coming into force")
     current: PiState
-    voltage: PiState
+    voltage_boost: PiState
+    voltage_buck: PiState
 
 
 class Input:
@@ -80,10 +97,12 @@ class Input:
     mode_ref: Ratio = signal("1 droop, 2 voltage forming, 3 current")
     v_dc_ref: Volt = signal("commanded bus voltage")
     i_ref: Ampere = signal("commanded battery current, positive discharging")
+    alternate: Ratio = signal("1: voltage forming drives one switch at a time, 0: both", initial=0.0)
 
 
 class Output:
     s: Ratio = signal("mean of the upper switch's switching function over the next period")
+    gates: Ratio = signal("0 blocked, 1 both switches driven, 2 the lower alone, 3 the upper alone")
     ramping: Ratio = signal("1 while a reference still moves to its command")
     current_limit: Ratio = signal("1 while the current limit acts", limiter=True)
     duty_limit: Ratio = signal("1 while the duty ratio is at a limit", limiter=True)
@@ -123,7 +142,9 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
     if u.enable.real < 0.5:
         x_next.mode = OFF
         x_next.v_ref = x_next.v_f
-        x_next.i_set = x_next.i_star = x_next.current.i = x_next.voltage.i = x_next.handing = 0.0
+        x_next.i_set = x_next.i_star = x_next.current.i = x_next.handing = 0.0
+        x_next.voltage_boost.i = x_next.voltage_buck.i = 0.0
+        x_next.pattern = y.gates = BLOCKED
         y.s = clip(u.v_b / v_dc, p.s_min, p.s_max)  # no current when the gates are released
         return
 
@@ -137,25 +158,22 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
 
     if mode == VOLTAGE:
         if changed:
-            x_next.voltage.i = x.i_star - p.K_p_v * e
             x_next.boost = 1.0 if x.i_star.real > 0.0 or (x.i_star.real == 0.0 and e.real >= 0.0) else 0.0
-        boost = x_next.boost.real > 0.5
-        wanted = p.K_p_v * e + x_next.voltage.i
-        i_star = pi(
-            e,
-            0.0,
-            p.K_p_v,
-            p.K_i_v,
-            0.0 * low if boost else low,
-            high if boost else 0.0 * high,
-            dt,
-            x_next.voltage,
-            x_next.voltage,
-        )  # (4)
-        if boost and i_star.real <= 0.0 and e.real < -p.v_band.real:
-            x_next.boost = 0.0
-        elif not boost and i_star.real >= 0.0 and e.real > p.v_band.real:
-            x_next.boost = 1.0
+            x_next.voltage_boost.i = x_next.voltage_buck.i = x.i_star - p.K_p_v * e
+        if x_next.boost.real > 0.5:
+            wanted = p.K_p_v * e + x_next.voltage_boost.i
+            boosting = x_next.voltage_boost
+            i_star = pi(e, 0.0, p.K_p_v, p.K_i_v, 0.0 * low, high, dt, boosting, boosting)  # (4)
+            x_next.voltage_buck.i = 0.0 * e
+            if i_star.real <= 0.0 and e.real < -p.v_band.real:
+                x_next.boost = 0.0
+        else:
+            wanted = p.K_p_v * e + x_next.voltage_buck.i
+            bucking = x_next.voltage_buck
+            i_star = pi(e, 0.0, p.K_p_v, p.K_i_v, low, 0.0 * high, dt, bucking, bucking)
+            x_next.voltage_boost.i = 0.0 * e
+            if i_star.real >= 0.0 and e.real > p.v_band.real:
+                x_next.boost = 1.0
     else:
         droop = p.K_dr * e if mode == DROOP else 0.0 * e
         if changed:
@@ -177,8 +195,26 @@ def update(t, dt, x: State, u: Input, p: BatteryControl, x_next: State, y: Outpu
         i_star - u.i_l, 0.0, p.k_p, p.k_i, u.v_b - p.s_max * v_dc, u.v_b - p.s_min * v_dc, dt, x.current, x_next.current
     )
     y.s = clip((u.v_b - effort) / v_dc, p.s_min, p.s_max)  # (1)
-
     y.duty_limit = 1.0 if y.s.real <= p.s_min.real + 1e-9 or y.s.real >= p.s_max.real - 1e-9 else 0.0
+
+    y.gates = x.pattern
+    x_next.pattern = BOTH
+    if mode == VOLTAGE and u.alternate.real > 0.5:
+        fall = maximum(v_dc - u.v_b, 1.0)
+        if x_next.boost.real > 0.5:
+            x_next.pattern = LOWER
+            share = np.sqrt(2.0 * p.L * maximum(i_star, 0.0) * fall / (u.v_b * v_dc * dt))  # (6)
+            rests = share.real < 1.0 - y.s.real
+            y.s = 1.0 - share if rests else y.s
+        else:
+            x_next.pattern = UPPER
+            share = np.sqrt(2.0 * p.L * maximum(-i_star, 0.0) * u.v_b / (fall * v_dc * dt))
+            rests = share.real < y.s.real
+            y.s = share if rests else y.s
+        if rests:
+            x_next.current.i = x.current.i
+            y.duty_limit = 0.0
+
     y.current_limit = 1.0 if absolute(wanted).real > p.i_max.real else 0.0
     y.soc_low = 1.0 if wanted.real > high.real and high.real < p.i_max.real else 0.0
     y.soc_high = 1.0 if wanted.real < low.real and low.real > -p.i_max.real else 0.0

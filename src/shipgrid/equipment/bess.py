@@ -243,8 +243,8 @@ class Bess:
             initial={"q": (1.0 - self.soc_0) * self.capacity},
             clock=Every(1e-3),
         )
-        clock = Sampled(self.f_sw)
-        leg = add_leg(net, name, bus, control=path["control"], gates=f"{sequence}.enable", clock=clock, f_sw=self.f_sw)
+        clock, gates = Sampled(self.f_sw), f"{path['control']}.gates"
+        leg = add_leg(net, name, bus, control=path["control"], gates=gates, clock=clock, f_sw=self.f_sw)
         net.add(
             path["converter"],
             parameters_for(BuckBoost, self, R_b=R_b),
@@ -279,6 +279,7 @@ class Bess:
                 "mode_ref": f"{sequence}.mode",
                 "v_dc_ref": net.command(f"{name}.v_dc_ref"),
                 "i_ref": net.command(f"{name}.i_ref"),
+                "alternate": 0.0 if net.fidelity == "averaged" else 1.0,
             },
             clock=clock,
         )

@@ -25,9 +25,9 @@ decides: `lo` counts only what the upper switch is closed, `hi` all but what the
 or not at all if the next one has come by then; `postponed` counts how often. Time is then walked edge by edge, and
 what the legs have done since the last edge goes from step to step. Gates act at the start of a step.
 
-`lead` (modulators/gates.py) with a dead time is that of the middle between `lo` and `hi`; with one
-switch driven, that of the diode that conducts while that switch is open; such a leg also hands over how long it
-waits for its switch (docs/theory/conduction.md).
+`lead` (modulators/gates.py) with a dead time is that of the middle between `lo` and `hi`. A leg with one switch driven
+hands over how long it waits for it and where it is sampled; its `lead` is then only the integral of s from the wait's
+end to the sampling instant, and the solver completes it (docs/theory/conduction.md).
 
 Source: [Holmes2003] ch. 3; docs/theory/modulation.md.
 """
@@ -255,6 +255,7 @@ class LegOutput(LegGates):
     """Output of the half-bridge modulator."""
 
     wait: Ratio = signal("share of the step before the first part in which a switch is driven, if only one ever is")
+    sampled: Ratio = signal("share of the step before the sampling instant, if only one switch is driven, else 0")
 
 
 @kernel
@@ -283,14 +284,18 @@ def leg_modulate(dt, fraction, x, u, p, y):
     if fraction >= 0.0:
         x.active = u.s_ref
     y.limited = 1.0 if x.active > 1.0 + LIMIT or x.active < -LIMIT else 0.0
-    y.wait = 0.0
+    y.wait = y.sampled = 0.0
     if u.gates < 0.5:
         y.lo, y.hi, y.lead, y.limited = 0.0, 1.0, 0.0, 0.0
     else:
         x.edges += edges
         x.postponed += postponed
         if u.gates != BOTH and p.dead_time + p.min_pulse == 0.0:
-            y.wait = undriven(phase, end - phase + u.turns, fraction, before, after, 1.0 if u.gates == LOWER else 0.0)
+            diode = 1.0 if u.gates == LOWER else 0.0
+            y.wait = undriven(phase, end - phase + u.turns, fraction, before, after, diode)
+            if fraction > 0.0:
+                y.sampled = fraction
+                y.lead += fraction * y.lo - diode * minimum(y.wait, fraction)
         if u.gates == LOWER:
             y.lo = 0.0
         elif u.gates == UPPER:

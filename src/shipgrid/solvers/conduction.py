@@ -102,21 +102,35 @@ def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, co
 
 
 @kernel
-def wait_for_gates(h, wait, rate, v_dc, i, i_before, s_before):
-    """Volt-seconds, over h v_dc, that a leg by itself takes before its first gate acts in a step: (conduction-5).
+def stands_still(per_ampere, s, i, i_next):
+    """Switching function at which a leg's current would have stood still in a step: s_0 of (conduction-5).
 
     Parameters
     ----------
-    h, wait : float
-        The step [s], and the share of it before the first driven part.
-    rate, v_dc : float
-        Rate of the current per volt of the pole [A/(V s)], and the bus voltage [V].
-    i, i_before, s_before : float
-        Current [A] at the step's start and at that of the step before, and the mean switching function in between.
+    per_ampere : float
+        Switching function that moves the current by 1 A in a step, 1/(r h v_dc) [1/A].
+    s : float
+        Mean switching function of the step.
+    i, i_next : float
+        Current [A] at its start and at its end.
     """
-    per_ampere = 1.0 / (rate * h * v_dc)
-    at_rest = s_before - (i - i_before) * per_ampere
-    return min(max(wait * at_rest - i * per_ampere, 0.0), wait)
+    return s - (i_next - i) * per_ampere
+
+
+@kernel
+def wait_for_gates(share, at_rest, per_ampere, i):
+    """Volt-seconds, over h v_dc, that a leg takes by itself in the first `share` of a step: x of (conduction-5).
+
+    Parameters
+    ----------
+    share : float
+        Part of the step in which nothing is driven.
+    at_rest, per_ampere : float
+        As for `stands_still`, and what it gives.
+    i : float
+        Current [A] at the step's start.
+    """
+    return min(max(share * at_rest - i * per_ampere, 0.0), share)
 
 
 @kernel
@@ -156,7 +170,10 @@ def set_legs(
         wait = sig[leg_wait[first]]
         v_dc = sig[node_signal[bridge_node[b]]]
         if 0.0 < wait < 1.0 and leg_rate[first] > 0.0 and v_dc > DEAD_V and np.isfinite(bridge_i0[b, 0]):
-            taken = wait_for_gates(h, wait, leg_rate[first], v_dc, alpha, bridge_i0[b, 0], leg_s[first])
+            per_ampere = 1.0 / (leg_rate[first] * h * v_dc)
+            taken = wait_for_gates(
+                wait, stands_still(per_ampere, leg_s[first], bridge_i0[b, 0], alpha), per_ampere, alpha
+            )
             sig[leg_lo[first]] += taken
             sig[leg_hi[first]] += taken - wait
             if sig[leg_hi[first]] - sig[leg_lo[first]] < SMALL:  # driven to the end
@@ -537,14 +554,41 @@ def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, br
 
 @kernel
 def lead_samples(
-    sig, h, node_signal, lead_state, lead_bridge, lead_axis, lead_rate, leg_first, leg_lead, bridge_node, lead
+    sig,
+    h,
+    node_signal,
+    lead_state,
+    lead_bridge,
+    lead_axis,
+    lead_rate,
+    leg_first,
+    leg_lead,
+    leg_wait,
+    leg_sampled,
+    leg_rate,
+    leg_s,
+    bridge_i0,
+    bridge_port,
+    bridge_node,
+    port_i,
+    lead,
 ):
-    """What the currents sampled inside the step lie beside their chord, since the poles' voltages are not constant."""
+    """What the currents sampled inside the step lie beside their chord, since the poles' voltages are not constant.
+
+    Of a leg with one switch driven the modulator has the part from its first pulse on: what the leg has taken by itself
+    before, and the mean over the step, are the solution's.
+    """
     for k in range(lead_state.shape[0]):
         b = lead_bridge[k]
         first = leg_first[b]
         if leg_first[b + 1] - first == 1:
-            ahead = sig[leg_lead[first]]
+            ahead, sampled = sig[leg_lead[first]], sig[leg_sampled[first]]
+            v_dc = sig[node_signal[bridge_node[b]]]
+            if sampled > 0.0 and v_dc > DEAD_V and leg_rate[first] > 0.0:
+                i, per_ampere = bridge_i0[b, 0], 1.0 / (leg_rate[first] * h * v_dc)
+                at_rest = stands_still(per_ampere, leg_s[first], i, sig[port_i[bridge_port[b, 0]]])
+                alone = wait_for_gates(min(sig[leg_wait[first]], sampled), at_rest, per_ampere, i)
+                ahead += alone - sampled * leg_s[first]
         else:
             alpha, beta = abc_to_alpha_beta(sig[leg_lead[first]], sig[leg_lead[first + 1]], sig[leg_lead[first + 2]])
             ahead = alpha if lead_axis[k] == 0 else beta

@@ -86,6 +86,7 @@ class NetworkPlan(NamedTuple):
     leg_hi: np.ndarray
     leg_lead: np.ndarray
     leg_wait: np.ndarray  # places of the share of the step before its first driven part, or of a zero
+    leg_sampled: np.ndarray  # places of the share of the step before the sampling instant, of such a leg, or of a zero
     leg_rate: np.ndarray  # of a leg by itself: rate of its current per volt of its pole [A/(V s)], else 0
     bridge_port: np.ndarray  # (bridges, 2) ports of its poles: alpha and beta, or the one twice
     bridge_node: np.ndarray  # (bridges,) its DC node
