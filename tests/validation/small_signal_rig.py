@@ -390,7 +390,7 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
         net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": bridge, "grid": ac})
         states = (("v_c", "v_c"), ("i_1", "i_1"), ("i_g", "i_2"))
         measured = {f"{to}_{axis}": f"{name}.lcl.{axis}.{of}" for axis in AXES for to, of in states}
-        inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0}
+        inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0, "p_ref": net.command(f"{name}.p_ref", 0.0)}
         net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=Sampled(1620.0))
     if conductance:
         net.conductance(ac, conductance)
