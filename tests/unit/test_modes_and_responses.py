@@ -10,6 +10,7 @@ import pytest
 import shipgrid as sg
 from shipgrid.analysis.equations import pade
 from shipgrid.analysis.modes import Mode, Modes, modes_of
+from shipgrid.components.electrical.cable import dc_cable
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.errors import ParameterError, SteadyStateError, TopologyError
@@ -28,6 +29,20 @@ def rlc():
     net.conductance(bus, G)
     net.add("source", SourceBranch(R=R, L=L), ports={"ends": bus}, inputs={"e": net.command("source.e", -100.0)})
     return sg.assemble(net, 30e-6)
+
+
+def test_a_pi_section_with_its_far_end_open_resonates_at_its_half_capacitance():
+    cable, C_half = dc_cable(30.0), 0.5 * 0.4e-9 * 30.0
+    net = sg.Network("pi section")
+    near, far = net.dc_bus("near", 750.0), net.dc_bus("far", 750.0)
+    net.capacitance(near, C_half)
+    net.capacitance(far, C_half)
+    net.add("source", sg.DcSource(v_0=750.0, R=1e-3), a=near)
+    net.add("cable", cable, a=near, b=far)
+    plan = sg.assemble(net, 30e-6)
+    modes = sg.linearise(plan, sg.steady_state(plan, start={})).modes()
+    (ringing,) = [mode for mode in modes if mode.eigenvalue.imag]
+    assert ringing.frequency == pytest.approx(1.0 / (2.0 * math.pi * math.sqrt(cable.L * C_half)), rel=1e-4)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])

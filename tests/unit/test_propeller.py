@@ -73,6 +73,25 @@ def test_open_water_coefficients_at_pitch_0_8(J, K_T, ten_K_Q):
     assert 10.0 * open_water("KQ", J, 0.8, 0.75, 5.0) == pytest.approx(ten_K_Q, abs=1e-4)
 
 
+@pytest.mark.parametrize(("J", "eta_o"), [(0.4, 0.4744), (0.6, 0.6197)])
+def test_open_water_efficiency_at_pitch_0_8(J, eta_o):
+    K_T, K_Q = (open_water(c, J, 0.8, 0.75, 5.0) for c in ("KT", "KQ"))
+    assert J * K_T / (2.0 * math.pi * K_Q) == pytest.approx(eta_o, abs=2e-4)
+
+
+def test_bollard_coefficients_at_pitch_1():
+    assert open_water("KT", 0.0, 1.0, 0.75, 5.0) == pytest.approx(0.469, abs=5e-4)
+    assert 10.0 * open_water("KQ", 0.0, 1.0, 0.75, 5.0) == pytest.approx(0.690, abs=5e-4)
+
+
+def test_quadratic_fits_of_the_models_page_hold_within_their_stated_error():
+    J = np.linspace(0.0, 0.85, 86)
+    K_T = 0.36956 - 0.30068 * J - 0.15913 * J**2
+    K_Q = 0.044804 - 0.028627 * J - 0.020618 * J**2
+    assert np.abs(open_water("KT", J, 0.8, 0.75, 5.0) - K_T).max() < 0.00245
+    assert np.abs(open_water("KQ", J, 0.8, 0.75, 5.0) - K_Q).max() < 0.000135
+
+
 def test_cubic_table_is_within_its_stated_error_of_the_curve():
     screw = Propeller(**FERRY)
     p, tables = parameter_record(screw)

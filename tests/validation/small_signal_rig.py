@@ -316,11 +316,11 @@ GENSET_START = {"machine.omega": 1.0, "machine.psi_d": 0.99, "machine.psi_f": 1.
                 "bus.v_beta": 390.0, "exciter.E_fd": 1.0}  # fmt: skip
 
 
-def exciter_on_field(T_d01):
+def exciter_on_field(T_d01, **exciter):
     """AC1A on an unloaded machine that is its field alone: v_t = i_fd = E."""
     net = Network("voltage loop")
     net.add("field", Field(T_d01=T_d01), inputs={"E_fd": "exciter.E_fd"})
-    net.add("exciter", Ac1a(), inputs={"v_t": "field.E", "v_ref": 1.0 + 1.4986 / 600.0, "i_fd": "field.E"})
+    net.add("exciter", Ac1a(**exciter), inputs={"v_t": "field.E", "v_ref": 1.0 + 1.4986 / 600.0, "i_fd": "field.E"})
     return assemble(net, 1e-4)
 
 

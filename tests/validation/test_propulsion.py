@@ -258,6 +258,23 @@ def test_acceleration_stays_within_what_the_sources_can_give():
     assert 71.8 < power.max() < 130.0
 
 
+def test_without_the_lag_the_ship_overshoots_by_2_7_percent():
+    trace = voyage(KNOT * same([6.0] * 200), cruise=ShipSpeed(T_lag=0.01))
+    assert trace[:, 0].max() / knots(6.0) - 1.0 == pytest.approx(0.027, abs=0.001)
+
+
+def test_a_ramp_of_a_tenth_of_a_knot_a_second_without_lag_ends_at_184_kilowatt_a_screw():
+    trace = voyage(KNOT * same([10.0] * 200), cruise=ShipSpeed(rate=0.1 * KNOT, T_lag=0.01))
+    assert (trace[:, 3] * trace[:, 4]).max() / 1e3 == pytest.approx(184.0, rel=0.02)
+
+
+def test_without_a_ramp_a_step_to_6_knots_saturates_the_torque_beyond_what_batteries_give():
+    trace = voyage(KNOT * same([6.0] * 60), cruise=ShipSpeed(rate=10.0, T_lag=0.01))
+    assert trace[:, 4].max() == pytest.approx(7.2e3, rel=1e-3)
+    # 340 kW a shaft at its rated speed, for an instant; the trace has a row a second
+    assert 300.0 < (trace[:, 3] * trace[:, 4]).max() / 1e3 < 340.0
+
+
 def test_ship_stops_and_stays_without_swinging():
     trace = crossing(1.0)
     u, omega = trace[1070:, 0], trace[1070:, 3]

@@ -172,8 +172,9 @@ def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> 
     SteadyStateError
         If it does not rest once all its vectors and angles are turned: names where.
     """
-    if not equations.islands:
-        return
+    plan = equations.plan
+    if not equations.islands or any(sig[plan.layout.index[path]] > 0.5 for path in plan.limiter_paths):
+        return  # at the edge of a limit rounding decides which side a turned point is on
     turned = sig.copy()
     for island in equations.islands:
         for a, b in island.pairs:
