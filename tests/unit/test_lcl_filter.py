@@ -109,5 +109,5 @@ def test_power_into_the_terminals_is_stored_or_lost():
     assert into == pytest.approx((ends[1] - ends[0]) / h + losses(x, u, p), rel=1e-5)  # difference quotient
 
 
-def test_open_holds_everything_and_precharge_nothing():
-    assert type_of(LclFilter).variants == {"open": ("i_1", "v_c", "i_2"), "precharge": ()}
+def test_open_holds_everything_precharge_nothing_and_idle_the_grid_side_alone():
+    assert type_of(LclFilter).variants == {"open": ("i_1", "v_c", "i_2"), "precharge": (), "idle": ("i_2",)}

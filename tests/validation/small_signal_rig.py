@@ -141,6 +141,8 @@ class SwingInput:
     dp_sync: PerUnit = signal("trim", initial=0.0)
     dw_sync: PerUnit = signal("as in the controller", initial=0.0)
     dV_sync: PerUnit = signal("as in the controller", initial=0.0)
+    dw_join: PerUnit = signal("as in the controller", initial=0.0)
+    dV_join: PerUnit = signal("as in the controller", initial=0.0)
 
 
 @kernel
