@@ -13,6 +13,7 @@ from scenarios.story import HOTEL, Story, ship_of
 SIDES = ("for", "aft")
 BARS = [f"ac_{side}.v_{axis}" for side in SIDES for axis in ("alpha", "beta")]
 CURRENTS = [f"inverter_{side}.filter.{axis}.i_1" for side in SIDES for axis in ("alpha", "beta")]
+TRIMS_OF_AFT = [f"inverter_aft.synchroniser.{trim}" for trim in ("dw_sync", "dV_sync")]
 TRIMS = [f"ac_tie.sequence.{trim}" for trim in ("dw_sync", "dV_sync", "dp_sync")]
 V_B = 400.0 * np.sqrt(2.0 / 3.0)
 STEP, EVERY = 60e-6, 6
@@ -23,7 +24,7 @@ class Day:
 
     def __init__(self):
         loads = {"equipment.hotel_for.p": "14 kW", "equipment.hotel_aft.p": "4 kW"}
-        self.story = Story(ship_of(HOTEL, **loads), STEP, every=EVERY, watch=BARS + CURRENTS + TRIMS)
+        self.story = Story(ship_of(HOTEL, **loads), STEP, every=EVERY, watch=BARS + CURRENTS + TRIMS + TRIMS_OF_AFT)
         self.asked = {}
 
     def then(self, what, seconds, **commands):
@@ -70,6 +71,8 @@ def day():
     day.then("shed again", 1.0, ac_tie__close=0)
     day.then("black start beside", 3.0, inverter_aft__on=1)
     day.then("alone off", 3.0, inverter_aft__on=0)
+    day.then("onto the dead bar again", 1.0, ac_tie__close=1)
+    day.then("aft joins", 14.0, inverter_aft__on=1)
     return day
 
 
@@ -190,6 +193,26 @@ def test_off_alone_takes_the_bar_down_along_the_ramp(day):
     assert np.diff(v).max() < 0.02  # downwards but for the ripple of the held voltage
     assert day.length("aft", off + 0.1, off + 0.2).max() < 0.01
     assert day.length("for", asked, off + 0.5).min() > 0.95
+
+
+def test_an_inverter_joins_a_live_bar_in_step_and_takes_its_share(day):
+    asked = day.asked["aft joins"]
+    said = [(t, what) for t, who, what in day.story.events if who == "inverter_aft" and t > asked]
+    assert [what for _, what in said] == ["synchronising", "on"]
+    joined = said[1][0]
+    assert 1.7 < joined - asked < 6.0  # its ramp of 1.5 s with the contactor open, and 0.2 s in step
+    assert np.abs(day.history("inverter_aft.p_ac", asked, joined - 0.01)).max() == 0.0
+    for side in SIDES:  # what is fed stays fed, and does not notice
+        before = day.length(side, joined - 0.1, joined - 0.01).mean()
+        assert np.abs(day.length(side, asked, joined - 0.01) - before).max() < 0.01
+        assert np.abs(day.length(side, joined, joined + 0.5) - before).max() < 0.03
+    for after in np.arange(6.0, 9.0, 0.5):
+        powers = [day.power(side, joined + after) for side in SIDES]
+        assert powers[0] + powers[1] == pytest.approx(18e3 / 50e3, rel=0.06)  # the bars are not quite at 1 pu
+        assert abs(powers[0] - powers[1]) < 0.005
+    for trim in TRIMS_OF_AFT:
+        assert np.abs(day.history(trim, joined - 0.1, joined)).max() > 1e-3
+        assert np.abs(day.history(trim, joined + 5.05, joined + 6.0)).max() == 0.0
 
 
 def test_currents_never_exceed_the_limit_by_more_than_the_first_moment_of_the_dead_bus_closing(day):

@@ -221,7 +221,8 @@ def test_check_tests_a_scenario_against_the_ship_given_with_it(tmp_path):
         ("equipment", ["genset", "governor.K", "8 pu", "table A1", "from"]),
         ("components", ["Battery", "components.sources.battery"]),
         ("signals", ["propeller_aft.J_adv", "ac_for.f", "hull.u_ship"]),
-        ("commands", ["bess_for.i_ref", "-192 .. 192 A", "droop or voltage or current"]),
+        ("equipment", ["weather.A_T", "table or paper_fit or [[m/s, N], ...]"]),
+        ("commands", ["hull.wave_height", "bess_for.i_ref", "-192 .. 192 A", "droop or voltage or current"]),
     ],
 )
 def test_list_shows_what_is_declared(what, parts):
@@ -234,7 +235,16 @@ def test_list_shows_what_is_declared(what, parts):
 def test_explain_names_buses_stages_and_time_constants():
     result = shipgrid("explain", "--step", "30us")
     assert result.exit_code == 0
-    for part in ("dc_for", "17 mF", "5000 ohm", "genset_for.terminals", "bess_for.converter", "at 3240 Hz exactly"):
+    for part in (
+        "dc_for",
+        "17 mF",
+        "5000 ohm",
+        "genset_for.terminals",
+        "bess_for.converter",
+        "at 3240 Hz exactly",
+        "0.0045 in CT*",
+        "head sea up to 1.39 m",
+    ):
         assert part in result.stdout
 
 

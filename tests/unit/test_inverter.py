@@ -11,7 +11,7 @@ from shipgrid.equipment.inverter import Inverter, InverterSequence
 from shipgrid.model.records import make_record, parameter_record
 
 DT = 10e-3
-OFF, STARTING, ON, UNLOADING = range(4)
+OFF, STARTING, ON, UNLOADING, SYNCHRONISING = range(5)
 
 
 class Sequence:
@@ -23,12 +23,12 @@ class Sequence:
         self.powers = powers  # (p, q) of (v_set, p_ref) while on
         self.v_set = 0.0
 
-    def see(self, on, v_dc=750.0, v_bar=0.0):
+    def see(self, on, v_dc=750.0, v_bar=0.0, **step):
         running = self.x.state != OFF
         target = self.x.v_ref if running else 0.0
         self.v_set = min(max(target, self.v_set - DT / 1.5), self.v_set + DT / 1.5) if running else 0.0
         p, q = self.powers(self.v_set, self.x.p_ref) if running else (0.0, 0.0)
-        values = {"on": on, "v_dc": v_dc, "v_alpha": v_bar, "v_set": self.v_set, "p": p, "q": q}
+        values = {"on": on, "v_dc": v_dc, "v_alpha": v_bar, "v_set": self.v_set, "p": p, "q": q} | step
         u, y = make_record(inverter.SequenceInput, {"v_beta": 0.0, **values}), make_record(inverter.SequenceOutput)
         x_next = self.x.copy()
         inverter.update(0.0, DT, self.x, u, self.p, x_next, y)
@@ -58,13 +58,37 @@ def test_starts_with_the_contactor_closed_and_is_on_when_the_ramp_ends():
     assert sequence.until(ON, 1.0, 3.0) == pytest.approx(1.5, abs=0.03)  # the ramp of the set point
 
 
-def test_refuses_a_low_dc_bus_and_a_live_bar_and_says_which():
+def test_refuses_a_low_dc_bus_until_it_has_risen():
     sequence = Sequence(alone)
     y = sequence.see(1.0, v_dc=640.0)
     assert (y.code, y.refused, y.position) == (OFF, 1.0, 1.0)
-    assert sequence.see(1.0, v_bar=100.0).refused == 2.0
-    assert sequence.see(0.0, v_bar=100.0).refused == 0.0
+    assert sequence.see(0.0, v_dc=640.0).refused == 0.0
     assert sequence.see(1.0).code == STARTING  # the standing command is obeyed as soon as it can be
+
+
+def test_joins_a_live_bar_with_its_contactor_open_until_it_is_in_step():
+    sequence = Sequence(beside_another)
+    y = sequence.see(1.0, v_bar=320.0)
+    assert (y.code, y.enable, y.position, sequence.x.join) == (SYNCHRONISING, 1.0, 3.0, 0.0)
+    while sequence.v_set < 1.0:  # not before its own voltage is there
+        assert sequence.x.join == 0.0
+        y = sequence.see(1.0, v_bar=320.0)
+    assert (y.code, sequence.x.join, y.on, y.refused) == (SYNCHRONISING, 1.0, 0.0, 0.0)
+    y = sequence.see(1.0, v_bar=320.0, in_step=1.0)
+    assert (y.code, y.position, sequence.x.join, y.on) == (ON, 0.0, 1.0, 1.0)
+    sequence.until(OFF, 0.0, 6.0)
+    assert sequence.x.join == 0.0
+
+
+def test_gives_up_where_it_comes_into_no_step_and_says_so_until_it_is_told_anew():
+    sequence = Sequence(beside_another)
+    sequence.see(1.0, v_bar=320.0)
+    assert sequence.see(1.0, v_bar=320.0, no_step=1.0).code == OFF
+    y = sequence.see(1.0, v_bar=320.0)
+    assert (y.code, y.position, y.enable, y.refused) == (OFF, 1.0, 0.0, 2.0)
+    assert sequence.see(0.0, v_bar=320.0).refused == 0.0
+    assert sequence.see(1.0, v_bar=320.0).code == SYNCHRONISING
+    assert sequence.see(0.0, v_bar=320.0).code == OFF
 
 
 def test_off_alone_takes_the_bar_down_before_the_contactor_opens():

@@ -15,6 +15,7 @@ from shipgrid.components.electrical.lcl_filter import (
     outputs,
     stored_energy,
 )
+from shipgrid.controllers.grid_forming import PRESETS
 from shipgrid.equipment.rectifier import L_1_PRESETS
 from shipgrid.model.component import type_of
 from shipgrid.model.records import make_record, names_of, parameter_record
@@ -65,6 +66,33 @@ def test_carrier_current_of_the_grid_is_0_28_of_the_converter_s():
     assert abs(x[2] / x[0]) == pytest.approx(0.28, abs=0.005)  # printed to two digits
 
 
+def test_carrier_current_of_the_inverter_s_filter_is_0_30_of_the_converter_s():
+    lcl = LclFilter.per_unit(50e3, 400.0, 60.0, L_1=PRESETS["paper"]["L_1"], C=0.06, L_2=0.10, damping=0.0)
+    A, b, _ = matrices(lcl)
+    x = np.linalg.solve(2j * math.pi * 1620.0 * np.eye(3) - A, b)
+    assert abs(x[2] / x[0]) == pytest.approx(0.30, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("S_n", "V_n", "paper", "by_rule"), [(596e3, 480.0, 1.2856, 0.742), (50e3, 400.0, 1.5427, 0.891)]
+)
+def test_presets_follow_from_the_sizing_rule_with_either_voltage(S_n, V_n, paper, by_rule):
+    """L_1 = V_dc / (6 f_sw dI), dI = 10 % of the peak current: printed are the values with the line voltage in dI."""
+
+    def of(voltage):
+        ripple = 0.1 * S_n * math.sqrt(2.0) / (3.0 * voltage)
+        return 750.0 / (6.0 * 1620.0 * ripple) / (V_n**2 / S_n / (2.0 * math.pi * 60.0))
+
+    assert of(V_n) == pytest.approx(paper, rel=1e-4)
+    assert of(V_n / math.sqrt(3.0)) == pytest.approx(by_rule, abs=6e-4)
+    printed, chosen = (
+        (L_1_PRESETS["paper"], L_1_PRESETS["phase_voltage_rule"])
+        if S_n == 596e3
+        else (PRESETS["paper"]["L_1"], PRESETS["default"]["L_1"])
+    )
+    assert (printed, chosen) == pytest.approx((paper, by_rule), abs=5e-3)
+
+
 def test_power_into_the_terminals_is_stored_or_lost():
     lcl = rectifier_filter()
     p, _ = parameter_record(lcl)
@@ -81,5 +109,5 @@ def test_power_into_the_terminals_is_stored_or_lost():
     assert into == pytest.approx((ends[1] - ends[0]) / h + losses(x, u, p), rel=1e-5)  # difference quotient
 
 
-def test_open_holds_everything_and_precharge_nothing():
-    assert type_of(LclFilter).variants == {"open": ("i_1", "v_c", "i_2"), "precharge": ()}
+def test_open_holds_everything_precharge_nothing_and_idle_the_grid_side_alone():
+    assert type_of(LclFilter).variants == {"open": ("i_1", "v_c", "i_2"), "precharge": (), "idle": ("i_2",)}

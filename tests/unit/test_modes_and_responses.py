@@ -10,9 +10,12 @@ import pytest
 import shipgrid as sg
 from shipgrid.analysis.equations import pade
 from shipgrid.analysis.modes import Mode, Modes, modes_of
+from shipgrid.components.electrical.cable import dc_cable
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.errors import ParameterError, SteadyStateError, TopologyError
+from shipgrid.model import component, kernel, signal
+from shipgrid.units import Ratio, Volt
 from verification.circuits import SourceBranch
 
 R, L, C, G = 0.1, 1e-3, 1e-3, 0.1
@@ -26,6 +29,20 @@ def rlc():
     net.conductance(bus, G)
     net.add("source", SourceBranch(R=R, L=L), ports={"ends": bus}, inputs={"e": net.command("source.e", -100.0)})
     return sg.assemble(net, 30e-6)
+
+
+def test_a_pi_section_with_its_far_end_open_resonates_at_its_half_capacitance():
+    cable, C_half = dc_cable(30.0), 0.5 * 0.4e-9 * 30.0
+    net = sg.Network("pi section")
+    near, far = net.dc_bus("near", 750.0), net.dc_bus("far", 750.0)
+    net.capacitance(near, C_half)
+    net.capacitance(far, C_half)
+    net.add("source", sg.DcSource(v_0=750.0, R=1e-3), a=near)
+    net.add("cable", cable, a=near, b=far)
+    plan = sg.assemble(net, 30e-6)
+    modes = sg.linearise(plan, sg.steady_state(plan, start={})).modes()
+    (ringing,) = [mode for mode in modes if mode.eigenvalue.imag]
+    assert ringing.frequency == pytest.approx(1.0 / (2.0 * math.pi * math.sqrt(cable.L * C_half)), rel=1e-4)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
@@ -142,6 +159,65 @@ def test_an_unknown_method_and_a_missing_rate_are_refused():
         sg.linearise(plan, point, method="exact")
     with pytest.raises(ParameterError, match="sampled control at one rate"):
         sg.linearise(plan, point, method="sampled")
+
+
+class ClockState:
+    level: Ratio = signal("follows the time's sine")
+
+
+class ClockOutput:
+    e: Volt = signal("source voltage")
+
+
+@kernel
+def clock_derivatives(t, x, dx):
+    dx.level = 100.0 * (math.sin(50.0 * t) - x.level)
+
+
+@kernel
+def clock_outputs(t, x, y):
+    y.e = -100.0 * x.level
+
+
+@component(state=ClockState, output=ClockOutput, derivatives=clock_derivatives, outputs=clock_outputs)
+class TimedSource:
+    """A source that reads the time; its outputs have `t` among their arguments, and do nothing with it."""
+
+
+def test_a_component_that_reads_the_time_is_refused_by_name():
+    net = sg.Network("timed")
+    bus = net.dc_bus("bus", 100.0)
+    net.capacitance(bus, C)
+    net.add("timed", TimedSource())
+    net.add("source", SourceBranch(R=R, L=L), ports={"ends": bus}, inputs={"e": "timed.e"})
+    with pytest.raises(SteadyStateError, match=r"'timed' \(TimedSource\) reads the time in `derivatives`"):
+        sg.steady_state(sg.assemble(net, 30e-6), start={})
+
+
+def three_phase(**source):
+    net = sg.Network("three phases")
+    bus = net.ac_bus("bus", 400.0, 60.0)
+    net.add("source", sg.ThreePhaseSource(R=0.1, L=1e-3, **source), a=bus)
+    net.add("load", sg.Load(p_0=10e3, power_factor=0.9), a=bus)
+    return sg.assemble(net, 30e-6)
+
+
+def test_a_balanced_circuit_has_its_operating_point_from_a_run_as_from_given_values():
+    plan = three_phase()
+    given = sg.steady_state(plan, start={"bus.v_alpha": 326.0, "source.i_alpha": -10.0})
+    run = sg.steady_state(plan)
+    impedance = 400.0**2 / 10e3 * 0.9 * complex(0.9, math.sin(math.acos(0.9)))
+    divided = abs(impedance / (impedance + 0.1 + 1j * 120.0 * math.pi * 1e-3))
+    for point in (given, run):
+        assert math.hypot(point["bus.v_alpha"], point["bus.v_beta"]) == pytest.approx(326.6 * divided, rel=1e-4)
+        assert point.frequency["bus"] == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("source", [{"r_2": 0.02}, {"r_5": 0.03}, {"r_13": 0.001}])
+def test_unbalance_and_harmonics_have_no_operating_point(source):
+    # in the turning frame they go on turning: what looks like rest at one instant is none
+    with pytest.raises(SteadyStateError, match=r"source\.i_\w+ does not turn evenly with its island"):
+        sg.steady_state(three_phase(**source), start={"bus.v_alpha": 326.0, "source.i_alpha": -10.0})
 
 
 def test_dominant_modes_are_the_slow_and_the_badly_damped_without_twins():

@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 
 from shipgrid.components.marine import propeller
-from shipgrid.components.marine.propeller import Propeller, characteristic, four_quadrants, open_water, table
+from shipgrid.components.marine.propeller import (
+    PITCH_SERIES,
+    Propeller,
+    characteristic,
+    first_quadrant,
+    four_quadrants,
+    fourier,
+    mismatch,
+    open_water,
+    stand_in,
+    table,
+    zero_thrust,
+)
 from shipgrid.model.records import make_record, parameter_record
 
 FERRY = {"P_D": 0.9, "A_E": 0.75, "Z": 5.0}
@@ -61,6 +73,25 @@ def test_open_water_coefficients_at_pitch_0_8(J, K_T, ten_K_Q):
     assert 10.0 * open_water("KQ", J, 0.8, 0.75, 5.0) == pytest.approx(ten_K_Q, abs=1e-4)
 
 
+@pytest.mark.parametrize(("J", "eta_o"), [(0.4, 0.4744), (0.6, 0.6197)])
+def test_open_water_efficiency_at_pitch_0_8(J, eta_o):
+    K_T, K_Q = (open_water(c, J, 0.8, 0.75, 5.0) for c in ("KT", "KQ"))
+    assert J * K_T / (2.0 * math.pi * K_Q) == pytest.approx(eta_o, abs=2e-4)
+
+
+def test_bollard_coefficients_at_pitch_1():
+    assert open_water("KT", 0.0, 1.0, 0.75, 5.0) == pytest.approx(0.469, abs=5e-4)
+    assert 10.0 * open_water("KQ", 0.0, 1.0, 0.75, 5.0) == pytest.approx(0.690, abs=5e-4)
+
+
+def test_quadratic_fits_of_the_models_page_hold_within_their_stated_error():
+    J = np.linspace(0.0, 0.85, 86)
+    K_T = 0.36956 - 0.30068 * J - 0.15913 * J**2
+    K_Q = 0.044804 - 0.028627 * J - 0.020618 * J**2
+    assert np.abs(open_water("KT", J, 0.8, 0.75, 5.0) - K_T).max() < 0.00245
+    assert np.abs(open_water("KQ", J, 0.8, 0.75, 5.0) - K_Q).max() < 0.000135
+
+
 def test_cubic_table_is_within_its_stated_error_of_the_curve():
     screw = Propeller(**FERRY)
     p, tables = parameter_record(screw)
@@ -104,13 +135,43 @@ def test_screw_in_its_own_axes_facing_ahead_is_the_one_facing_astern_turned_roun
 
 def test_beyond_the_blend_the_tested_propeller_serves():
     beta = np.radians([-60.0, -20.0, 40.0, 60.0])
-    assert characteristic("T", beta, 1.0, **FERRY) == pytest.approx(four_quadrants("T", beta, 1.0, 0.75, 5.0))
+    assert characteristic("T", beta, 1.0, **FERRY) == pytest.approx(four_quadrants("T", beta, **FERRY))
     # data note: at P/D 1.0 the B5-75 series differs from the polynomials by at most 0.012 in KT, 0.018 in 10 KQ
     J = np.linspace(0.0, 1.0, 11)
     beta, to_K = np.arctan(J / (0.7 * math.pi)), math.pi / 8.0 * (J**2 + (0.7 * math.pi) ** 2)
     K_T, K_Q = (four_quadrants(c, beta, 1.0, 0.75, 5.0) * to_K for c in "TQ")
     assert np.abs(K_T - open_water("KT", J, 1.0, 0.75, 5.0)).max() < 0.0125
     assert 10.0 * np.abs(K_Q - open_water("KQ", J, 1.0, 0.75, 5.0)).max() < 0.0185
+
+
+# Z, A_E/A_0, P/D of the tested propellers; how far polynomials and series are apart in CT* at the joins, at most
+TESTED = [
+    (3.0, 0.65, 1.0, 0.015), (4.0, 0.55, 1.0, 0.004), (4.0, 0.70, 0.5, 0.006), (4.0, 0.70, 0.8, 0.005),
+    (4.0, 0.70, 1.0, 0.009), (4.0, 0.70, 1.2, 0.014), (4.0, 0.70, 1.4, 0.017), (4.0, 0.85, 1.0, 0.008),
+    (5.0, 0.75, 1.0, 0.004), (6.0, 0.80, 1.0, 0.005), (7.0, 0.85, 1.0, 0.007),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("Z", "A_E", "P_D", "C_T"), TESTED)
+def test_tested_propellers_join_the_polynomials_within_a_stated_distance(Z, A_E, P_D, C_T):
+    assert stand_in(P_D, A_E, Z) == ((Z, A_E), P_D)
+    beta = np.radians([-150.0, -20.0, 70.0])
+    for k, coefficient in enumerate("TQ"):  # the series of the very propeller, to the rounding of the pitch correction
+        a, b = fourier()[Z, A_E][P_D].T[2 * k : 2 * k + 2]
+        series = [np.sum(a * np.cos(np.arange(31) * x) + b * np.sin(np.arange(31) * x)) for x in beta]
+        assert four_quadrants(coefficient, beta, P_D, A_E, Z) == pytest.approx(series, abs=1e-12)
+    apart = mismatch(P_D, A_E, Z)
+    assert apart[0] < C_T
+    assert apart[1] < 0.0015
+
+
+def test_pitch_correction_brings_series_and_polynomials_together():
+    assert {shape for shape, pitches in fourier().items() if len(pitches) > 1} == {PITCH_SERIES}
+    for P_D, apart in [(0.7, 0.0121), (0.8, 0.0095), (0.9, 0.0046), (1.1, 0.0039), (1.2, 0.0070), (1.4, 0.0088)]:
+        ends = np.array([0.0, zero_thrust(P_D, 0.75, 5.0)])
+        uncorrected = first_quadrant("T", ends, P_D, 0.75, 5.0) - four_quadrants("T", ends, 1.0, 0.75, 5.0)
+        found = mismatch(P_D, 0.75, 5.0)[0]
+        assert found < min(apart, np.abs(uncorrected).max() / 6.0)
 
 
 def test_standstill_gives_no_force_and_a_stopped_screw_is_a_brake():

@@ -64,12 +64,18 @@ def put(document, path, value):
         (("buses", "dc_for", "kind"), "three-phase", "'three-phase' is not one of"),
         (("equipment", "Bess"), {"kind": "bess"}, "'Bess' does not match"),
         (("hull",), {"displacement": 377}, "377 is not of type 'string'"),
+        (("hull", "resistance"), [["6 kn"]], "is not valid under any of"),
     ],
 )
 def test_a_slip_in_a_ship_file_is_refused(validators, path, value, names):
     wrong = put(read(bundled("ship")["ferry"]), path, value)
     errors = [error.message for error in validators["ship"].iter_errors(wrong)]
     assert any(names in error for error in errors), errors
+
+
+def test_resistance_may_be_a_list_of_pairs(validators):
+    ship = put(read(bundled("ship")["ferry"]), ("hull", "resistance"), [["6 kn", "7 kN"], ["10 kn", "18 kN"]])
+    assert validators["ship"].is_valid(ship)
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from shipgrid.components.marine import hull, thrust_sum
+from shipgrid.components.marine import hull, thrust_sum, wind_and_waves
 from shipgrid.components.marine.hull import Hull
+from shipgrid.components.marine.wind_and_waves import WindAndWaves
 from shipgrid.components.mechanical import shaft
 from shipgrid.components.mechanical.shaft import Shaft
 from shipgrid.controllers import ship_speed
@@ -16,6 +17,9 @@ from shipgrid.controllers.ship_speed import ShipSpeed
 from shipgrid.equipment import propulsion
 from shipgrid.equipment.hull import HullForm
 from shipgrid.equipment.propulsion import PropulsionSequence
+from shipgrid.errors import ParameterError
+from shipgrid.io.ship_file import load_ship
+from shipgrid.model.network import Network
 from shipgrid.model.records import make_record, parameter_record
 from shipgrid.units import KNOT, knots
 
@@ -52,13 +56,94 @@ def test_resistance_presets_go_with_the_square_of_speed_and_against_it(choice, a
         assert pytest.approx(math.copysign(at_10_kn * (speed / 10.0) ** 2, speed), rel=1e-9) == R
 
 
-def test_resistance_lookup_meets_its_points_and_is_smooth_between():
-    form = HullForm(resistance="lookup", r_2kn=500.0, r_4kn=2.4e3, r_10kn=20e3, r_12kn=35e3)
-    p, tables = parameter_record(form.component())
-    for speed, R in [(2.0, 500.0), (-4.0, -2.4e3), (10.0, 20e3), (12.0, 35e3)]:
-        assert hull.resistance(knots(speed), p, tables) == pytest.approx(R)
-    curve = np.array([hull.resistance(u, p, tables) for u in np.linspace(-7.0, 7.0, 1401)])
-    assert (np.diff(curve) > 0.0).all()
+LOOKUP = tuple((knots(v), R) for v, R in [(2.0, 500.0), (4.0, 2.4e3), (10.0, 20e3), (12.0, 35e3)])
+
+
+def test_resistance_goes_through_its_points_in_both_directions():
+    p, tables = parameter_record(HullForm(resistance=LOOKUP).component())
+    for u, R in LOOKUP:
+        # the table's own interpolation
+        assert hull.resistance(u, p, tables) == pytest.approx(R, rel=1e-5)
+        assert hull.resistance(-u, p, tables) == pytest.approx(-R, rel=1e-5)
+    # by the square of speed beyond half the first and twice the last
+    for u, (u_end, R_end) in [(knots(0.3), LOOKUP[0]), (knots(30.0), LOOKUP[-1])]:
+        assert hull.resistance(u, p, tables) == pytest.approx(R_end * (u / u_end) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [2.0, 1.7, 2.6])
+def test_resistance_between_points_of_a_power_law_is_that_law(exponent):
+    points = tuple((u, 300.0 * u**exponent) for u in (1.0, 2.0, 2.5, 4.0, 6.0))
+    speed = np.linspace(2.0, 4.0, 50)  # away from the ends, which go over into the square
+    assert hull.through(points, speed) == pytest.approx(300.0 * speed**exponent, rel=1e-9)
+
+
+def test_resistance_rises_throughout_and_has_no_kink():
+    hump = tuple((knots(v), R) for v, R in [(2.0, 900.0), (4.0, 1e3), (6.0, 6e3), (9.0, 6.1e3), (12.0, 40e3)])
+    for points, off in ((LOOKUP, 1e-5), (hump, 3e-4)):
+        p, tables = parameter_record(HullForm(resistance=points).component())
+        u = np.linspace(-10.0, 10.0, 8001)
+        R = np.array([hull.resistance(v, p, tables) for v in u])
+        assert hull.through(points, u[u > 0.1]) == pytest.approx(R[u > 0.1], rel=off)
+        assert (np.diff(R)[np.abs(u[1:]) > 0.01] > 0.0).all()
+        # a kink stays when the step is halved, curvature's change of slope goes with the step
+        turn, finer = (np.abs(np.diff(np.diff(R[::k]) / (u[k] - u[0]))).max() for k in (2, 1))
+        assert finer < 0.75 * turn
+
+
+@pytest.mark.parametrize("points", [(), ((1.0, 2.0), (2.0, 2.0)), ((2.0, 1.0), (1.0, 2.0)), ((0.0, 1.0),), ((1.0,),)])
+def test_points_that_do_not_rise_from_above_zero_are_refused(points):
+    with pytest.raises(ParameterError, match=r"Hull\.resistance"):
+        parameter_record(Hull(resistance=points))
+
+
+def weather(p=None, **inputs):
+    """Outputs of wind and waves."""
+    y = make_record(wind_and_waves.Output)
+    u = make_record(wind_and_waves.Input, inputs)
+    wind_and_waves.outputs(u, parameter_record(p or WindAndWaves())[0], y)
+    return y
+
+
+def test_head_wind_adds_the_drag_of_the_relative_wind_less_that_of_still_air():
+    for u_ship, v_w, angle in [(5.0, 10.0, 0.0), (5.0, 10.0, 2.5), (-4.0, 3.0, 0.5), (3.0, 3.0, math.pi)]:
+        v_r = u_ship + v_w * math.cos(angle)
+        drag, still_air = (0.5 * 1.225 * 0.8 * 60.0 * abs(v) * v for v in (v_r, u_ship))
+        y = weather(u_ship=u_ship, wind_speed=v_w, wind_from=angle)
+        assert y.T_wind == pytest.approx(drag - still_air, rel=1e-12)
+        assert y.T_env == y.T_wind
+    assert weather(u_ship=5.0).T_env == 0.0  # no wind, no waves: the resistance is that of the hull
+    # models page: 60 m2, C_x 0.8; a moored ship in 10 m/s from ahead is pushed astern with 2.94 kN
+    assert weather(wind_speed=10.0).T_env == pytest.approx(2940.0)
+    assert weather(wind_speed=10.0, wind_from=math.pi).T_env == pytest.approx(-2940.0)
+
+
+def test_waves_add_the_stawave_figure_whichever_way_the_ship_goes():
+    # models page: 0.54 kN at 0.3 m
+    for way in (1.0, -1.0):
+        y = weather(u_ship=way * knots(10.0), wave_height=0.3)
+        assert y.T_wave == pytest.approx(way * 540.0, rel=5e-3)
+    assert weather(u_ship=5.0, wave_height=0.6).T_wave == pytest.approx(
+        4.0 * weather(u_ship=5.0, wave_height=0.3).T_wave
+    )
+    assert weather(wave_height=1.0).T_wave == 0.0
+    # models page: holds up to 1.39 m for 38 m between perpendiculars
+    assert (weather(wave_height=1.38).beyond, weather(wave_height=1.40).beyond) == (0.0, 1.0)
+
+
+def test_speed_in_wind_is_where_thrust_meets_the_sum_of_all_resistances():
+    ship = load_ship("ferry")
+    net = Network("ferry")
+    ship.build(net)
+    assert net.placed["hull.surge"].inputs["T_env"] == "hull.weather.T_env"
+    assert net.placed["hull.weather"].inputs["wind_speed"] == "command:hull.wind_speed"
+    p, tables = parameter_record(ship.hull.component())
+    x, dx = make_record(hull.State, {"u_ship": 4.0}), make_record(hull.State)
+    T_env = weather(ship.hull.weather, u_ship=4.0, wind_speed=12.0, wave_height=0.5).T_env
+    R = 18.06e3 * (4.0 / knots(10.0)) ** 2
+    u = make_record(hull.Input, {"thrust": (R + T_env) / 0.795, "T_env": T_env})
+    hull.derivatives(x, u, p, dx, tables)
+    assert dx.u_ship == pytest.approx(0.0, abs=1e-9)
+    assert T_env > 5e3
 
 
 def test_hull_accelerates_by_thrust_less_deduction_resistance_and_environment():

@@ -19,7 +19,7 @@ from shipgrid.io.ship_file import bundled, kind_of, load_ship, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model.component import Bounds, param
 from shipgrid.model.network import DcBus, Network
-from shipgrid.units import Henry, Ratio, Volt
+from shipgrid.units import KNOT, Henry, Ratio, Volt
 
 FERRY = bundled("ship")["ferry"].read_text()
 
@@ -123,7 +123,8 @@ def test_the_ferry_offers_the_commands_and_signals_of_the_public_interface():
             "ac_tie.closed": "1",
         }
         assert {name: ship.signals[name].unit for name in units} == units
-    assert len(ship.commands) == 26
+    of_the_lake = {"hull.wind_speed", "hull.wind_from", "hull.wave_height"}
+    assert of_the_lake <= set(ship.commands) and len(ship.commands) == 26 + len(of_the_lake)
 
 
 def test_every_declared_signal_is_published_by_the_built_ship():
@@ -388,6 +389,37 @@ def test_a_variant_is_checked_like_a_file(path, value, says):
         load_ship("ferry").replace(path, value)
     assert len(caught.value.problems) == 1
     assert says in caught.value.problems[0]
+
+
+def test_resistance_is_a_word_or_pairs_of_speed_and_resistance():
+    pairs = "[[2 kn, 0.5 kN], [6 kn, 7 kN], [10 kn, 20 kN]]"
+    ship = load_ship("ferry", [("hull.resistance", pairs)])
+    expected = [(2.0 * KNOT, 500.0), (6.0 * KNOT, 7e3), (10.0 * KNOT, 20e3)]
+    assert [pytest.approx(pair) for pair in expected] == list(ship.hull.resistance)
+    assert read_ship(read_text(ship.text, "my.yaml")).checked().hull == ship.hull
+    assert load_ship("ferry", [("hull.resistance", "paper_fit")]).hull.resistance == "paper_fit"
+
+
+def test_every_wrong_pair_is_named_with_its_line():
+    pairs = ["[2 kn, 0.5 kN]", "[4 kn, 3 m]", "[6 kn, 0.4 kN]", "[8 kn]", "12 kN", "[-9 kn, 9 kN]", "[10, 9 kN]"]
+    lines = "\n".join(f"    - {pair}" for pair in pairs)
+    text = FERRY[: FERRY.index("hull: {")] + "hull:\n  displacement: 377 t\n  resistance:\n" + lines + "\n"
+    said = [
+        (1, "'3 m' has the wrong kind of unit"),
+        (2, "[6 kn, 0.4 kN] comes after [2 kn, 0.5 kN], expected both to rise"),
+        (3, "is not a pair, expected [6 kn, 18 kN]"),
+        (4, "is not a pair, expected [6 kn, 18 kN]"),
+        (5, "-9 kn is out of range, expected > 0 m/s"),
+        (6, "'10' has no unit"),
+    ]
+    found = problems_of(text)
+    assert len(found) == len(said)
+    for problem, (k, what) in zip(found, said, strict=True):
+        assert problem.startswith(f"my.yaml:{line_of(text, pairs[k])}: hull.resistance.{k}: ") and what in problem
+    empty = FERRY.replace("resistance: table", "resistance: []")
+    assert "hull.resistance: is empty, expected a list of pairs [6 kn, 18 kN]" in the_problem(empty, "hull: {")
+    word = FERRY.replace("resistance: table", "resistance: tabel")
+    assert "expected table, paper_fit, or a list of pairs [6 kn, 18 kN]" in the_problem(word, "hull: {")
 
 
 def test_bounds_say_themselves_in_words():

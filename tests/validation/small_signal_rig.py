@@ -1,4 +1,4 @@
-"""Parts for small-signal tests that no ship has: stiff sources, constant-power loads, ideal lags; and small plants."""
+"""Parts for small-signal tests that no ship has, as constant-power loads and ideal lags; and small plants."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.components.mechanical.shaft import Shaft
+from shipgrid.components.sources.dc_source import CurrentSource, InductiveDcSource
 from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
+from shipgrid.components.sources.three_phase_source import ThreePhaseSource
 from shipgrid.controllers.battery_control import VOLTAGE, BatteryControl
 from shipgrid.controllers.dc_voltage import DcVoltageState, dc_voltage
 from shipgrid.controllers.drive_current import DriveCurrent
@@ -24,13 +26,11 @@ from shipgrid.controllers.grid_forming import PRESETS, GridForming, droop
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment.wiring import add_bridge, add_leg
-from shipgrid.model import Terminal, component, kernel, param, signal
+from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Pole3, Sampled
 from shipgrid.units import (
     Ampere,
-    Henry,
     NewtonMetre,
-    Ohm,
     PerUnit,
     PerUnitPerSecond,
     Radian,
@@ -45,104 +45,10 @@ OMEGA = 2.0 * math.pi * 60.0
 DESIGN = {"K_pc": 0.72, "K_ic": 97.0, "F_v": 0.41, "K_pv": 0.39, "K_iv": 236.0, "F_i": 0.74}
 """Gains to which the published table of eigenvalues belongs; the default ones are damped better."""
 AXES = ("alpha", "beta")
-
-
-class TurningState:
-    theta: Radian = signal("angle of the voltage", rotates=True)
-
-
-class TurningInput:
-    v: Volt = signal("peak of a phase")
-    omega: RadianPerSecond = signal("angular frequency")
-
-
-class TurningOutput:
-    e_alpha: Volt = signal("voltage, alpha")
-    e_beta: Volt = signal("voltage, beta")
-
-
-@kernel
-def turning_derivatives(u, dx):
-    dx.theta = u.omega
-
-
-@kernel
-def turning_outputs(x, u, y):
-    y.e_alpha = -u.v * np.cos(x.theta)  # a branch to it drives current in by e
-    y.e_beta = -u.v * np.sin(x.theta)
-
-
-@component(
-    state=TurningState,
-    input=TurningInput,
-    output=TurningOutput,
-    derivatives=turning_derivatives,
-    outputs=turning_outputs,
-)
-class TurningVoltage:
-    """Three-phase voltage of given size and frequency, negative, as source of a branch."""
-
-
-class BranchState:
-    i: Ampere = signal("branch current, into the source")
-
-
-class BranchInput:
-    v: Volt = signal("voltage across the branch")
-    e: Volt = signal("source voltage, driving current in", initial=0.0)
-
-
-class BranchOutput:
-    i_in: Ampere = signal("current into the branch")
-
-
-@kernel
-def branch_derivatives(x, u, p, dx):
-    dx.i = (u.v + u.e - p.R * x.i) / p.L
-
-
-@kernel
-def branch_outputs(x, y):
-    y.i_in = x.i
-
-
-@component(
-    state=BranchState,
-    input=BranchInput,
-    output=BranchOutput,
-    derivatives=branch_derivatives,
-    outputs=branch_outputs,
-    terminals=(Terminal("ends", v="v", i="i_in"),),
-)
-class Source:
-    """R, L and a source in series."""
-
-    R: Ohm = param("resistance", default=1e-6, at_least=0.0)
-    L: Henry = param("inductance", default=1e-9, above=0.0)
-
-
-class CurrentInput:
-    v: Volt = signal("voltage across it")
-    i: Ampere = signal("current it takes")
-
-
-class CurrentOutput:
-    i_in: Ampere = signal("current it takes")
-
-
-@kernel
-def current_outputs(u, y):
-    y.i_in = u.i
-
-
-@component(
-    input=CurrentInput,
-    output=CurrentOutput,
-    outputs=current_outputs,
-    terminals=(Terminal("ends", v="v", i="i_in"),),
-)
-class CurrentLoad:
-    """Takes a given current."""
+STIFF = {"R": 1e-6, "L": 1e-9}
+"""Impedance of a source that is none."""
+TAKEN = CurrentSource(i_0=-1.0)
+"""Takes the current that its input `i_pu` says, in ampere."""
 
 
 class PowerInput:
@@ -235,6 +141,8 @@ class SwingInput:
     dp_sync: PerUnit = signal("trim", initial=0.0)
     dw_sync: PerUnit = signal("as in the controller", initial=0.0)
     dV_sync: PerUnit = signal("as in the controller", initial=0.0)
+    dw_join: PerUnit = signal("as in the controller", initial=0.0)
+    dV_join: PerUnit = signal("as in the controller", initial=0.0)
 
 
 @kernel
@@ -284,8 +192,7 @@ def machine_on_stiff_bus(item=None):
     item = item or SynchronousGenerator()
     net = Network("machine on a stiff bus")
     bus = net.ac_bus("bus", 480.0, 60.0)
-    net.add("grid", TurningVoltage(), inputs={"v": math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
-    net.add_three_phase("source", Source(), ports={"ends": bus}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
+    net.add("grid", ThreePhaseSource(v_n=480.0, **STIFF), a=bus)
     inputs = {"E_fd": net.command("E_fd", 1.5), "T_m": net.command("T_m", 0.5)}
     net.add_three_phase("machine", item, ports={"stator": bus}, inputs=inputs)
     return assemble(net, 30e-6)
@@ -316,11 +223,11 @@ GENSET_START = {"machine.omega": 1.0, "machine.psi_d": 0.99, "machine.psi_f": 1.
                 "bus.v_beta": 390.0, "exciter.E_fd": 1.0}  # fmt: skip
 
 
-def exciter_on_field(T_d01):
+def exciter_on_field(T_d01, **exciter):
     """AC1A on an unloaded machine that is its field alone: v_t = i_fd = E."""
     net = Network("voltage loop")
     net.add("field", Field(T_d01=T_d01), inputs={"E_fd": "exciter.E_fd"})
-    net.add("exciter", Ac1a(), inputs={"v_t": "field.E", "v_ref": 1.0 + 1.4986 / 600.0, "i_fd": "field.E"})
+    net.add("exciter", Ac1a(**exciter), inputs={"v_t": "field.E", "v_ref": 1.0 + 1.4986 / 600.0, "i_fd": "field.E"})
     return assemble(net, 1e-4)
 
 
@@ -335,8 +242,7 @@ def rectifier(
     net = Network("rectifier")
     dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 480.0, 60.0)
     net.capacitance(dc, capacitance)
-    net.add("grid", TurningVoltage(), inputs={"v": e * math.sqrt(2.0 / 3.0) * 480.0, "omega": OMEGA})
-    net.add_three_phase("source", Source(), ports={"ends": ac}, inputs={"e": ("grid.e_alpha", "grid.e_beta")})
+    net.add("grid", ThreePhaseSource(v_n=e * 480.0, **STIFF), a=ac)
     bridge = add_bridge(net, "rectifier", dc, control="control", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
     net.add_three_phase("lcl", lcl, ports={"converter": bridge, "grid": ac})
     measured = {f"{to}_{axis}": f"lcl.{axis}.{of}" for axis in AXES for to, of in (("v_c", "v_c"), ("i_1", "i_1"))}
@@ -348,9 +254,9 @@ def rectifier(
     )
     if stiff is None:
         net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
-        net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+        net.add("taken", TAKEN, inputs={"i_pu": "load.i"}, a=dc)
     else:
-        net.add("bus", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -stiff})
+        net.add("bus", InductiveDcSource(v_0=stiff, R=1e-3, L=1e-9), a=dc)
     return assemble(net, 30e-6)
 
 
@@ -369,9 +275,9 @@ def dc_loop(mode=0.0, **gains):
     inputs = {"v_dc": "dc.v_dc", "v_ref": net.command("v_ref", 750.0), "mode": mode}
     item, start = IdealRectifier(**gains), {"dc.mode": mode}
     net.add("rectifier", item, inputs=inputs, initial=start, clock=Every(2e-6))
-    net.add("fed", CurrentLoad(), ports={"ends": dc}, inputs={"i": "rectifier.i"})
+    net.add("fed", TAKEN, inputs={"i_pu": "rectifier.i"}, a=dc)
     net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 0.0)})
-    net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+    net.add("taken", TAKEN, inputs={"i_pu": "load.i"}, a=dc)
     return assemble(net, 2e-6)
 
 
@@ -382,7 +288,7 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
     net = Network("grid forming")
     dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 400.0, 60.0)
     net.capacitance(dc, 10e-3)
-    net.add("battery", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -750.0})
+    net.add("battery", InductiveDcSource(v_0=750.0, R=1e-3, L=1e-9), a=dc)
     for k in range(units):
         name = f"inverter_{k}"
         clock = Sampled(1620.0)
@@ -390,7 +296,7 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
         net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": bridge, "grid": ac})
         states = (("v_c", "v_c"), ("i_1", "i_1"), ("i_g", "i_2"))
         measured = {f"{to}_{axis}": f"{name}.lcl.{axis}.{of}" for axis in AXES for to, of in states}
-        inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0}
+        inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0, "p_ref": net.command(f"{name}.p_ref", 0.0)}
         net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=Sampled(1620.0))
     if conductance:
         net.conductance(ac, conductance)
@@ -432,7 +338,7 @@ def shaft_line():
     net = Network("shaft line")
     dc = net.dc_bus("dc", 750.0)
     net.capacitance(dc, 5e-3)
-    net.add("bus", Source(R=1e-3), ports={"ends": dc}, inputs={"e": -750.0})
+    net.add("bus", InductiveDcSource(v_0=750.0, R=1e-3, L=1e-9), a=dc)
     motor = Pmsm()
     at_bus = {"v_dc": "dc.v_dc"}
     speed = {"n_ref": net.command("n_ref", 0.3), "omega_pu": "shaft.omega_pu", **at_bus}
@@ -463,5 +369,5 @@ def battery_forming(capacitance):
         clock=Sampled(5000.0),
     )
     net.add("load", ConstantPower(), inputs={"v": "dc.v_dc", "power": net.command("power", 10e3)})
-    net.add("taken", CurrentLoad(), ports={"ends": dc}, inputs={"i": "load.i"})
+    net.add("taken", TAKEN, inputs={"i_pu": "load.i"}, a=dc)
     return assemble(net, 30e-6)

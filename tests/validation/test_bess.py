@@ -179,6 +179,21 @@ def test_ten_kilowatt_at_once_dip_the_bus_to_744_volt_in_voltage_forming():
     assert run.v_dc.max() < 750.5
 
 
+def test_weak_gains_of_voltage_forming_dip_four_times_as_deep():
+    """The reason for 20 and 100 pu: the same step with 2 and 20; against the loop with an ideal current."""
+    v, i, lowest, h = 750.0, 0.0, 750.0, 1e-5
+    for _ in range(100_000):
+        given = 2.0 * 128.0 / 750.0 * (750.0 - v) + i
+        i += h * 20.0 * 128.0 / 750.0 * (750.0 - v)
+        v += h * (given * (E - 0.284375 * given) - 10e3) / v / 17e-3
+        lowest = min(lowest, v)
+    assert lowest == pytest.approx(713.5, abs=0.1)  # the design's 717 V is that of 27 mF
+    side = Side(k_p_v=2.0, k_i_v=20.0).command(mode_ref=VOLTAGE)
+    side.run(0.02)
+    side.load = 10e3
+    assert side.run(1.5).v_dc.min() == pytest.approx(lowest, abs=1.0)  # the 100 Hz filter takes 0.6 V
+
+
 @pytest.mark.parametrize("capacitance", [17e-3, 34e-3])
 def test_poles_of_voltage_forming_are_those_of_its_two_integrators(capacitance):
     """Complex step through one whole control period, against the loop with an ideal inner loop and no filter."""

@@ -24,7 +24,9 @@ from shipgrid.controllers import motor_speed, ship_speed
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.ship_speed import ShipSpeed
 from shipgrid.equipment.hull import HullForm
+from shipgrid.io.ship_file import load_ship
 from shipgrid.model.component import type_of
+from shipgrid.model.network import Network
 from shipgrid.model.records import initial_of, make_record, parameter_record, record_dtype, size_of
 from shipgrid.units import KNOT, knots
 
@@ -97,6 +99,32 @@ def test_outward_facing_screw_reversed_costs_what_the_data_note_says():
     p, tables = parameter_record(Propeller(P_D=1.0, ends=1.0))
     astern, ahead = (propeller.forces(w, 0.0, p, tables)[0] for w in (-20.0, 20.0))
     assert -astern / ahead == pytest.approx(0.75, abs=0.02)
+
+
+def test_ferry_whose_screws_both_face_outwards_goes_alike_both_ways():
+    ship = load_ship("ferry")
+    for line, faces in (("propulsion_for", "fore"), ("propulsion_aft", "aft")):
+        for key, value in (("ends", "fixed_pitch_outwards"), ("faces", faces), ("screw", "{P_D: 1.0}")):
+            ship = ship.replace(f"equipment.{line}.{key}", value)
+    net = Network("ferry")
+    ship.build(net)
+    screws = [parameter_record(net.placed[f"propulsion_{end}.propeller"].item) for end in ("for", "aft")]
+    assert [p.ends for p, _ in screws] == [-1.0, 1.0]
+
+    def both(omega_m, v_a):
+        return np.array([propeller.forces(omega_m, v_a, *screw) for screw in screws])
+
+    for omega_m, v_a in [(30.0, 3.0), (20.0, -2.0), (5.0, 4.0), (0.0, 3.0)]:
+        # turned end for end: what the fore screw did, the aft screw does now
+        assert both(-omega_m, -v_a)[::-1] == pytest.approx(-both(omega_m, v_a), rel=1e-9)
+    # at 10 kn and equal revolutions, as the cruise control turns them: the bow screw does the smaller part, and both
+    # together need more than two that work ahead (2 x 71 kW), less than two in reverse (2 x 100 kW)
+    v_a, wanted = 0.765 * knots(10.0), 18.06e3 / 0.795
+    omega_m = brentq(lambda w: both(w, v_a)[:, 0].sum() - wanted, 25.0, 40.0)
+    thrust, tau = both(omega_m, v_a).T
+    assert 283.0 < omega_m * RPM < 325.0
+    assert thrust[0] < thrust[1]
+    assert 142e3 < 1.026 * tau.sum() * omega_m < 200e3
 
 
 @loop
@@ -228,6 +256,23 @@ def test_acceleration_stays_within_what_the_sources_can_give():
     power = trace[:, 3] * trace[:, 4] / 1e3
     # models page: at 0.1 kn/s the ramp's end would take 184 kW a screw; reported peak at 0.05 kn/s
     assert 71.8 < power.max() < 130.0
+
+
+def test_without_the_lag_the_ship_overshoots_by_2_7_percent():
+    trace = voyage(KNOT * same([6.0] * 200), cruise=ShipSpeed(T_lag=0.01))
+    assert trace[:, 0].max() / knots(6.0) - 1.0 == pytest.approx(0.027, abs=0.001)
+
+
+def test_a_ramp_of_a_tenth_of_a_knot_a_second_without_lag_ends_at_184_kilowatt_a_screw():
+    trace = voyage(KNOT * same([10.0] * 200), cruise=ShipSpeed(rate=0.1 * KNOT, T_lag=0.01))
+    assert (trace[:, 3] * trace[:, 4]).max() / 1e3 == pytest.approx(184.0, rel=0.02)
+
+
+def test_without_a_ramp_a_step_to_6_knots_saturates_the_torque_beyond_what_batteries_give():
+    trace = voyage(KNOT * same([6.0] * 60), cruise=ShipSpeed(rate=10.0, T_lag=0.01))
+    assert trace[:, 4].max() == pytest.approx(7.2e3, rel=1e-3)
+    # 340 kW a shaft at its rated speed, for an instant; the trace has a row a second
+    assert 300.0 < (trace[:, 3] * trace[:, 4]).max() / 1e3 < 340.0
 
 
 def test_ship_stops_and_stays_without_swinging():

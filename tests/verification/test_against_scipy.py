@@ -18,13 +18,14 @@ from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.components.electrical.lcl_filter import LclFilter
+from shipgrid.components.sources.three_phase_source import ThreePhaseSource
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.equipment.wiring import add_bridge, add_leg
-from shipgrid.model import Terminal, component, kernel, param, signal
+from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.frames import rotate, unrotate
 from shipgrid.model.network import Network, Pole, Sampled
-from shipgrid.units import Ampere, Henry, Ohm, PerUnit, Radian, RadianPerSecond, Ratio, Volt
+from shipgrid.units import Ampere, PerUnit, Radian, RadianPerSecond, Ratio, Volt
 from verification.circuits import Hold, SourceBranch
 
 # the rectifier of the models page: 596 kW, 480 V, 60 Hz, carrier 1620 Hz sampled twice, gains K_p = 1, K_i = 7 1/s
@@ -45,48 +46,6 @@ F_WHOLE = 3125.0  # Hz: ten steps of 32 us, every instant on a step's end
 
 
 # --- the package's side -----------------------------------------------------------------------------------------------
-
-
-class GridState:
-    i: Ampere = signal("current into the grid")
-    e: Volt = signal("emf")
-    f: Volt = signal("emf a quarter of a period ago")
-
-
-class GridInput:
-    v: Volt = signal("terminal voltage")
-
-
-class GridOutput:
-    i_in: Ampere = signal("current into the grid")
-
-
-@kernel
-def grid_derivatives(x, u, p, dx):
-    dx.i = (u.v - x.e - p.R * x.i) / p.L
-    dx.e = -p.omega * x.f
-    dx.f = p.omega * x.e
-
-
-@kernel
-def grid_outputs(x, y):
-    y.i_in = x.i
-
-
-@component(
-    state=GridState,
-    input=GridInput,
-    output=GridOutput,
-    derivatives=grid_derivatives,
-    outputs=grid_outputs,
-    terminals=(Terminal("ends", v="v", i="i_in"),),
-)
-class StiffGrid:
-    """One axis of a grid: a sinusoidal emf, which is a state of its own, behind R and L."""
-
-    R: Ohm = param("resistance", at_least=0.0)
-    L: Henry = param("inductance", above=0.0)
-    omega: RadianPerSecond = param("angular frequency", above=0.0)
 
 
 class LoopState:
@@ -154,7 +113,7 @@ def converter(step, f_s):
     net.capacitance(dc, C_DC)
     net.conductance(dc, G_DC)
     net.add("source", SourceBranch(R=R_S, L=L_S), ports={"ends": dc}, inputs={"e": -E_DC})
-    net.add_three_phase("grid", StiffGrid(R=R_G, L=L_G, omega=OMEGA), ports={"ends": ac})
+    net.add("grid", ThreePhaseSource(v_n=480.0, R=R_G, L=L_G), a=ac)
     bridge = add_bridge(net, "converter", dc, control="loop", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
     net.add_three_phase(
         "lcl",
@@ -175,8 +134,6 @@ def converter(step, f_s):
     work = new_workspace(plan)
     start = {
         "dc.v_dc": E_DC,
-        "grid.alpha.e": V_B,
-        "grid.beta.f": -V_B,
         "lcl.alpha.v_c": V_B,
         "converter.modulator.alpha": V_B / E_DC,
     }

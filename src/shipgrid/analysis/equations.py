@@ -22,6 +22,7 @@ open contact or an active limiter holds, and codes of sequences (whatever depend
 
 from __future__ import annotations
 
+import dis
 from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -159,6 +160,13 @@ class _Record:
         return np.array([owner[name] for owner, name in self.slots], dtype=complex)
 
 
+def _reads_time(kernel: Any) -> bool:
+    """Whether a kernel does anything with its argument `t`."""
+    code = () if kernel is None else dis.get_instructions(kernel.py_func)
+    loads = [i.argval for i in code if i.opname.startswith("LOAD_FAST")]
+    return any("t" in (names if isinstance(names, tuple) else (names,)) for names in loads)
+
+
 class _Kernels:
     """One component's kernels on complex records of its own."""
 
@@ -179,6 +187,12 @@ class _Kernels:
         self.records: dict[str, Any] = {name: record.top for name, record in self.named.items()}
         self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top}
         self.sampled = "update" in kind.kernels
+        reads = [name for name in ("derivatives", "outputs", "update") if _reads_time(kind.kernels.get(name))]
+        if reads:
+            raise SteadyStateError(
+                f"no operating point: '{self.path}' ({kind.name}) reads the time in `{reads[0]}`; "
+                "expected a state in its place, for an angle one that `rotates`"
+            )
         late = getattr(placed.item, "dead_times", dict)()
         names = names_of(kind.input)
         self.late = {names.index(name): seconds for name, seconds in late.items()}

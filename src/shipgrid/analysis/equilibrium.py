@@ -34,6 +34,8 @@ ITERATIONS = 60
 CONVERGED = 1e-9
 """Largest last step of Newton's method, relative to the size of each signal (or to 1, if that is larger)."""
 HALVINGS = 8
+TURN, EVENLY = 1.0, 1e-6
+"""Angle [rad] by which a plant is turned to see whether it rests in any direction; what is then off, of its size."""
 SWEEPS = 4
 """Times that all outputs are evaluated before the search, each from those before."""
 FIRST_STEP, LAST_STEP, GROWTH, LONGEST_SEARCH = 1e-4, 1e5, 1.7, 150
@@ -158,7 +160,40 @@ def steady_state(
     found = search.newton(sig, omega) or search.newton(*search.slowly(sig, omega))
     if found is None:
         raise SteadyStateError(search.complaint())
+    _check_turning(equations, found[0], found[1])
     return OperatingPoint(plan, equations, *found)
+
+
+def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:
+    """A plant that turns evenly rests in any direction; one with unbalance or harmonics in one direction at most.
+
+    Raises
+    ------
+    SteadyStateError
+        If it does not rest once all its vectors and angles are turned: names where.
+    """
+    plan = equations.plan
+    if not equations.islands or any(sig[plan.layout.index[path]] > 0.5 for path in plan.limiter_paths):
+        return  # at the edge of a limit rounding decides which side a turned point is on
+    turned = sig.copy()
+    for island in equations.islands:
+        for a, b in island.pairs:
+            turned[a], turned[b] = _rotated(sig[a], sig[b], TURN)
+        turned[island.angles] += TURN
+    for _ in range(SWEEPS):
+        _follow(equations, turned)
+    point = equations.at(turned)
+    size = np.maximum(np.abs(sig), 1.0)
+    for island in equations.islands:
+        for a, b in island.pairs:
+            size[a] = size[b] = max(np.hypot(sig[a], sig[b]), 1.0)
+    error = np.where(point.active, np.abs(point.turned(omega)) / _scale(point) / size, 0.0)
+    worst = int(np.argmax(error))
+    if error[worst] > EVENLY:
+        raise SteadyStateError(
+            f"no operating point: {equations.names[worst]} does not turn evenly with its island (off by "
+            f"{100.0 * error[worst]:.2g} % where the frame is turned): is something unbalanced, or has harmonics?"
+        )
 
 
 def _start(plan: Plan, commands: dict[str, float], start: Workspace | Mapping[str, float] | None) -> Workspace:
@@ -213,11 +248,16 @@ def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.
                     sig[place] -= omega[i] * ahead[kernels.clock]
     for _ in range(SWEEPS):
         _settle_dead_times(equations, sig, omega)
-        point = equations.at(sig)
-        follows = point.active & ~point.rates
-        follows[list(equations.nodes)] = False
-        sig[follows] += point.residual[follows]
+        _follow(equations, sig)
     return sig, omega
+
+
+def _follow(equations: Equations, sig: np.ndarray) -> None:
+    """Bring outputs and what else follows from states and node voltages nearer, in place."""
+    point = equations.at(sig)
+    follows = point.active & ~point.rates
+    follows[list(equations.nodes)] = False
+    sig[follows] += point.residual[follows]
 
 
 def _settle_dead_times(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:

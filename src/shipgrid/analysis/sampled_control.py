@@ -18,14 +18,15 @@ their modulation by a Pade quotient), so (2) is exact for a plant with one rate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
 
 from shipgrid.analysis.equations import Equations, Point, _Kernels, wrapped
-from shipgrid.analysis.equilibrium import OperatingPoint
-from shipgrid.analysis.linearise import state_names, without_turning
+from shipgrid.analysis.equilibrium import OperatingPoint, input_place
+from shipgrid.analysis.linearise import Response, state_names, without_turning
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import pencil_at, states_of
 from shipgrid.assembly.plan import Plan
@@ -36,6 +37,8 @@ from shipgrid.model.component import STAGES
 PARTS = 6
 """Parts of a period in (2). What is held turns by omega T / PARTS in one, 2 degrees at 60 Hz and 1620 Hz."""
 ITERATIONS, CONVERGED = 12, 1e-9
+SMALL = 1e-4
+"""Part of a step of which the effect over one period is taken as that of the whole, by a central difference."""
 FORGOTTEN = 1e-3
 """A multiplier below this is that of a signal forgotten within a few periods (rounding spreads it round zero)."""
 
@@ -85,6 +88,47 @@ class SampledModel:
 
         return modes_of(matrix, basis, coordinates, [names[int(p)] for p in self.places], to_rate)
 
+    def step(self, at: str, amount: float, until: float, signals: Sequence[str]) -> Response:
+        """What a step of a command or an open input at a sampling instant does to states.
+
+        Parameters
+        ----------
+        at : str
+            Path of the command or input.
+        amount : float
+            Size of the step.
+        until : float
+            Length of the response [s].
+        signals : sequence of str
+            Paths of states, or of what the sampled controllers give; vectors in the island's frame.
+
+        Returns
+        -------
+        Response
+            At the sampling instants, just before each; the first is that of the step.
+
+        Raises
+        ------
+        ParameterError
+            If a signal is none of these.
+        """
+        place = int(self.point.equations.alias[input_place(self.plan, at)])
+        period = _Period(self.plan, self.point, _clock(self.point.equations, 1.0 / self.period), stirred=(place,))
+        model = period.solve()
+        rows = []
+        for path in signals:
+            found = np.flatnonzero(model.places == self.plan.layout.place(path, "a state"))
+            if not len(found):
+                raise ParameterError(f"'{path}' is no state that moves, nor given by a controller at this rate")
+            rows.append(found[0])
+        forward = model.coordinates @ model.M @ model.basis
+        push = model.coordinates @ period.pushed(model, place, amount)
+        z = np.zeros((round(until / self.period) + 1, len(forward)))
+        for k in range(1, len(z)):
+            z[k] = forward @ z[k - 1] + push
+        values = z @ model.basis[rows].T
+        return Response(self.period * np.arange(len(z)), dict(zip(signals, values.T, strict=True)))
+
 
 def sampled_model(plan: Plan, point: OperatingPoint, rate: float | None) -> SampledModel:
     """The model (2) of a plant; arguments as in `linearise`.
@@ -121,7 +165,7 @@ def _clock(equations: Equations, rate: float | None) -> int:
 class _Period:
     """One period of (1), and its derivative."""
 
-    def __init__(self, plan: Plan, point: OperatingPoint, clock: int):
+    def __init__(self, plan: Plan, point: OperatingPoint, clock: int, stirred: tuple[int, ...] = ()):
         self.plan, self.point, self.T = plan, point, float(plan.periods[clock])
         e = self.equations = point.equations
         order = {t.kind.key: (STAGES.index(t.kind.stage), k) for k, t in enumerate(type_order(plan))}
@@ -129,7 +173,7 @@ class _Period:
         self.exact: list[_Kernels] = sorted(exact, key=lambda k: order[k.kind.key])
         modulators = [m for m in e.sampled_modulators if abs(m[1] - self.T) < 1e-9 * self.T]
         self.links = [(int(e.alias[source]), target) for _, _, links, _ in modulators for source, target in links]
-        at = e.at(point.sig)
+        at = e.at(point.sig, stirred)
         places = np.concatenate([np.concatenate([k.x, k.y]) for k in self.exact] + [[t for _, t in self.links]])
         self.held = [int(place) for place in places.astype(int) if at.active[place]]
         self.active = at.active.copy()
@@ -184,6 +228,16 @@ class _Period:
             inside += dz[n:]
             sig = self.follow(sig, inside, omega)
         raise SteadyStateError(f"sampled at {1.0 / T:g} Hz the plant does not repeat itself: last step {step:.1e}")
+
+    def pushed(self, model: SampledModel, place: int, amount: float) -> np.ndarray:
+        """What a step of a constant at the first instant has done to the states a period later, to first order."""
+        ends = []
+        for sign in (1.0, -1.0):
+            sig = model.sig.copy()
+            sig[place] += sign * SMALL * amount
+            after, inside, _ = self.map(sig, sig[self.half], model.omega)
+            ends.append(self.values(after, inside, model.places))
+        return (ends[0] - ends[1]) / (2.0 * SMALL)
 
     def half_rows(self, pencil) -> np.ndarray:
         """Unknowns of a pencil that are states half way."""

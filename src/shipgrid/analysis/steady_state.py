@@ -124,7 +124,7 @@ def operating_point(
             work.sig[plan.layout.index[bus.nodes[0]]] = bus.v_n
     settle_outputs(plan, work)
     watched = _settling(plan)
-    places = np.array([k for _, k in watched])
+    places = np.array([k for _, k in watched], dtype=np.int64)
     pattern = _pattern(plan)
     counting = _counting(plan)
     started = work.sig[counting].copy()
@@ -139,8 +139,8 @@ def operating_point(
         advance(plan, work, pattern)
         after = work.sig[places]
         drifts = np.abs(after - before) / np.maximum(np.abs(after), 1.0) / pattern
-        worst_at = int(np.argmax(drifts))
-        worst, name = float(drifts[worst_at]), watched[worst_at][0]
+        worst = float(np.max(drifts, initial=0.0))  # a plant without controllers has none that drifts
+        name = watched[int(np.argmax(drifts))][0] if watched else ""
         if worst < tolerance:
             break
     work.sig[counting] = started

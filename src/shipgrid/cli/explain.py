@@ -9,10 +9,15 @@ import numpy as np
 import typer
 
 from shipgrid.cli.listing import table
+from shipgrid.components.marine.hull import Hull
+from shipgrid.components.marine.propeller import Propeller, mismatch, stand_in
+from shipgrid.components.marine.wind_and_waves import WindAndWaves
 from shipgrid.model.component import STAGES, type_of
 from shipgrid.model.network import AcBus, Every, Network, Placed, Sampled
+from shipgrid.model.records import parameter_record
 from shipgrid.solvers.companion import state_space
 from shipgrid.solvers.topology import islands
+from shipgrid.units import KNOT
 
 
 def explain_ship(ship: Any, step: float) -> None:
@@ -26,6 +31,7 @@ def explain_ship(ship: Any, step: float) -> None:
     table("Ties between capacitive buses", heads, ties)
     _islands(network)
     _stages(network, step)
+    _water(network)
     types = {type_of(placed.item).name for placed in network.placed.values()}
     typer.echo(
         f"{ship.name}: {len(network.placed)} components of {len(types)} types, "
@@ -135,6 +141,31 @@ def _stages(network: Network, step: float) -> None:
             if not kind.terminals and kind.stage == stage:
                 rows.append((stage, placed.path, kind.name, _clock(placed.clock, step)))
     table("Stages of a step", ("stage", "component", "type", "runs"), rows)
+
+
+def _water(network: Network) -> None:
+    """What screws and hull are made of: tested propellers, points of resistance, limits of wind and waves."""
+    items = {path: placed.item for path, placed in network.placed.items()}
+    screws, rows = {}, []
+    for path, item in items.items():
+        if isinstance(item, Propeller):
+            screws.setdefault((item.P_D, item.A_E, item.Z), []).append(path)
+        elif isinstance(item, Hull):
+            points = ", ".join(f"{R / 1e3:.4g} kN at {u / KNOT:.4g} kn" for u, R in item.resistance)
+            rows.append((path, f"resistance {points}; by the square of speed beyond half the first and twice the last"))
+        elif isinstance(item, WindAndWaves):
+            limit = f"head sea up to {parameter_record(item)[0].H_max:.3g} m"
+            rows.append((path, f"wind on {item.A_T:g} m2 with C_x {item.C_x:g}; {limit}"))
+    for shape, paths in screws.items():
+        P_D, A_E, Z = shape
+        (blades, area), pitch = stand_in(*shape)
+        apart = "{:.4f} in CT*, {:.4f} in CQ*".format(*mismatch(*shape))
+        series = (
+            f"four quadrants by B{blades:g}-{100 * area:g}, P/D {pitch:g}, {apart} off the polynomials at the joins"
+        )
+        rows.append((", ".join(paths), f"B{Z:g}-{100 * A_E:g}, P/D {P_D:g}; {series}"))
+    if rows:
+        table("Screws and hull", ("component", "which is"), rows)
 
 
 def _clock(clock: Any, step: float) -> str:

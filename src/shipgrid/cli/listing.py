@@ -111,6 +111,8 @@ def _keys(cls: type, prefix: str) -> list[tuple[str, str, str, str, str]]:
         unit = unit_of(hint) or "1"
         default = "required" if is_required(field) else _default(default_of(field), unit)
         limits = field.metadata.get("choice") or field.metadata.get("reference") or ()
+        if "curve" in field.metadata:
+            limits = (*limits, "[[{}, {}], ...]".format(*field.metadata["curve"]))
         span = (str(bounds) + ("" if unit == "1" else f" {unit}")) if bounds else " or ".join(limits)
         meaning = bounds.description if bounds else field.metadata.get("description", "")
         rows.append((name, default, span, meaning, bounds.source if bounds else ""))

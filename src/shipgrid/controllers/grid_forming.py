@@ -4,14 +4,16 @@ Per unit on the inverter's rating and the bar's voltage; dq on the internal angl
 itself. `s` is the Laplace variable in (1) to (5), the kernel is their sampled form.
 
     p = v_cd i_gd + v_cq i_gq,   q = v_cq i_gd - v_cd i_gq                           (at the filter capacitor)
-    omega = omega* + m_p (1 + T_1 s)/(1 + T_2 s) omega_c/(s + omega_c) (P* + dp_sync - p) + dw_sync,
+    omega = omega* + m_p (1 + T_1 s)/(1 + T_2 s) omega_c/(s + omega_c) (P* + dp_sync - p) + dw,
     dtheta/dt = omega                                                                                            (1)
-    E     = V* + m_q (Q* - omega_q/(s + omega_q) q) + dV_sync                                                    (2)
+    E     = V* + m_q (Q* - omega_q/(s + omega_q) q) + dV                                                         (2)
     dv_t  = R_v s/(s + omega_RV) i_g                                     transient virtual resistor              (3)
     dv_v  = (1 + j sigma) k_pRVI max(0, |i_1| - I_n) i_1                 threshold virtual impedance             (4)
     v_c*  = E - dv_t - dv_v                                                                                      (5)
     i_1*  = PI_v(v_c* - v_c) + j omega C v_c + F_i i_g,                  |i_1*| <= i_max                         (6)
     v_m*  = PI_c(i_1* - i_1) + j omega L_1 i_1 + F_v F(s) v_c,           |v_m*| <= v_dc / sqrt 3                 (7)
+
+dw and dV are the trims of a tie that moves the bar and of the inverter's own synchroniser, dw_sync + dw_join.
 
 The low-pass of (1) is the inertia (H = 1/(2 m_p omega_c)), its lead-lag the damping; T_1 = T_2 takes the lead-lag out.
 Both limits keep the vector's angle. An integrator stands still while its limit acts and the error would drive it
@@ -92,8 +94,10 @@ class Input:
     p_ref: PerUnit = signal("power set point P*", initial=0.0)
     q_ref: PerUnit = signal("reactive power set point Q*", initial=0.0)
     omega_ref: PerUnit = signal("frequency set point", initial=1.0)
-    dw_sync: PerUnit = signal("frequency trim of the synchroniser", initial=0.0)
-    dV_sync: PerUnit = signal("voltage trim of the synchroniser", initial=0.0)
+    dw_sync: PerUnit = signal("frequency trim of a tie's synchroniser", initial=0.0)
+    dV_sync: PerUnit = signal("voltage trim of a tie's synchroniser", initial=0.0)
+    dw_join: PerUnit = signal("frequency trim of its own synchroniser", initial=0.0)
+    dV_join: PerUnit = signal("voltage trim of its own synchroniser", initial=0.0)
     dp_sync: PerUnit = signal("power trim of a tie that unloads", initial=0.0)
 
 
@@ -133,8 +137,8 @@ def droop(p_ac, q_ac, dt, x: State, u: Input, p: GridForming, x_next: State):
     x_next.reactive = low_pass(q_ac, x.reactive, p.omega_q, dt)
     x_next.v_set = ramp(u.v_ref, x.v_set, p.v_rate, dt)
     lead = x_next.lead + p.T_1 / p.T_2 * (x_next.power - x_next.lead)
-    omega = u.omega_ref + p.m_p * lead + u.dw_sync  # (1)
-    e = x_next.v_set + p.m_q * (u.q_ref - x_next.reactive) + u.dV_sync  # (2)
+    omega = u.omega_ref + p.m_p * lead + u.dw_sync + u.dw_join  # (1)
+    e = x_next.v_set + p.m_q * (u.q_ref - x_next.reactive) + u.dV_sync + u.dV_join  # (2)
     return omega, maximum(e, 0.0)
 
 

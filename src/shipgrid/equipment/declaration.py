@@ -86,6 +86,12 @@ def choice(description: str, *words: str, default: str) -> Any:
     return dataclasses.field(default=default, metadata={"choice": words, "description": description})
 
 
+def curve(description: str, *words: str, units: tuple[str, str], default: str) -> Any:
+    """One of several words, or a list of pairs in `units`, both of which rise from above zero."""
+    metadata = {"choice": words, "curve": units, "description": description}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
 def reference(description: str, *kinds: str, default: str | None = None) -> Any:
     """Name of a bus (kinds `dc`, `ac`) or of another item (its kind)."""
     metadata = {"reference": kinds, "description": description}
@@ -94,7 +100,9 @@ def reference(description: str, *kinds: str, default: str | None = None) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param, block, choice, reference))
+@dataclass_transform(
+    kw_only_default=True, frozen_default=True, field_specifiers=(param, block, choice, curve, reference)
+)
 def equipment(
     kind: str,
     *,

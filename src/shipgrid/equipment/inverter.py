@@ -1,7 +1,11 @@
 """Grid-forming inverter: bridge, LCL filter, 390/400 V transformer and output contactor, from a DC bus to an AC bar.
 
 The transformer's leakage is the filter's second inductance; all values are referred to the bar's side. Black start:
-the contactor closes on the dead bar with no voltage and the set point rises on a ramp, so that no inrush occurs.
+the contactor closes on the dead bar with no voltage and the set point rises on a ramp, so that no inrush occurs. A live
+bar it joins: it runs up on its own capacitors with the contactor open, is brought into step with the bar, and closes;
+its trims are then taken back slowly and droop gives it its share. The synchroniser is that of an AC tie, between the
+capacitors and the bar (`automation/ac_tie.py`); where the bar's frequency is out of its reach (a load of more than 0.5
+pu on the others) it gives up and says so, until the command is given anew.
 'Off' unloads first: the power set point goes down. If the power follows, others feed the bar: the voltage set point is
 moved as well until hardly any power flows, and the load stays with them. If it does not follow, the inverter is alone,
 and takes the bar down along the voltage ramp.
@@ -13,9 +17,10 @@ import dataclasses
 import math
 from typing import Any
 
+from shipgrid.automation.ac_tie import AcTie
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
-from shipgrid.equipment.breakers import trims_of
+from shipgrid.equipment.breakers import AC_CONTROL_PERIOD, trims_of
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
 from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
 from shipgrid.model import component, kernel, param, signal
@@ -35,24 +40,28 @@ from shipgrid.units import (
     Watt,
 )
 
-STATES = {0: "off", 1: "starting", 2: "on", 3: "unloading"}
-OFF, STARTING, ON, UNLOADING = 0.0, 1.0, 2.0, 3.0
+STATES = {0: "off", 1: "starting", 2: "on", 3: "unloading", 4: "synchronising"}
+OFF, STARTING, ON, UNLOADING, SYNCHRONISING = 0.0, 1.0, 2.0, 3.0, 4.0
+CLOSED, OPEN, IDLE = 0.0, 1.0, 3.0  # positions of the contactor
 
 REFUSALS = {
     1: "the DC bus is below 650 V",
-    2: "the AC bar is live and the inverter is not synchronised with it",
+    2: "the AC bar is live and the inverter could not be brought into step with it",
 }
 
 
 class SequenceState:
     """State of the sequence."""
 
-    state: Ratio = signal("0 off, 1 starting, 2 on, 3 unloading")
+    state: Ratio = signal("0 off, 1 starting, 2 on, 3 unloading, 4 synchronising")
     v_ref: PerUnit = signal("voltage set point")
     p_ref: PerUnit = signal("power set point")
     elapsed: Second = signal("time of unloading")
     p_before: PerUnit = signal("power delivered when unloading began")
     alone: Ratio = signal("1: unloading showed that nobody else feeds the bar")
+    joined: Ratio = signal("1: it synchronises with a live bar or has done so")
+    join: Ratio = signal("1: the synchroniser is to close, and then to stay closed")
+    gave_up: Ratio = signal("1: it could not, and the command stands")
 
 
 class SequenceInput:
@@ -65,6 +74,8 @@ class SequenceInput:
     v_set: PerUnit = signal("voltage set point on the controller's ramp")
     p: PerUnit = signal("power delivered")
     q: PerUnit = signal("reactive power delivered")
+    in_step: Ratio = signal("1: the synchroniser closes", initial=0.0)
+    no_step: Ratio = signal("1: the synchroniser gave up", initial=0.0)
 
 
 class SequenceOutput:
@@ -73,7 +84,7 @@ class SequenceOutput:
     code: Ratio = signal("state of the sequence")
     refused: Ratio = signal("reason why it does not start, 0: none")
     enable: Ratio = signal("1: gates work")
-    position: Ratio = signal("contact position of the filter: 0 closed, 1 open", initial=1.0)
+    position: Ratio = signal("contact position of the filter: 0 closed, 1 open, 3 open and running", initial=OPEN)
     on: Ratio = signal("1: on, at its voltage")
 
 
@@ -112,7 +123,11 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
         if u.v_dc.real < p.v_dc_min.real:
             y.refused = 1.0
         elif hypot(u.v_alpha, u.v_beta).real > (p.v_dead * p.v_b).real:
-            y.refused = 2.0
+            if x.gave_up.real > 0.5:
+                y.refused = 2.0
+            else:
+                x_next.state = SYNCHRONISING
+                x_next.joined = 1.0
         else:
             x_next.state = STARTING
     elif x.state == STARTING or x.state == ON:
@@ -120,7 +135,6 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
             x_next.state = UNLOADING
         elif x.state == STARTING and hypot(u.v_alpha, u.v_beta).real > ((u.v_set + p.v_foreign) * p.v_b).real:
             x_next.state = OFF  # a tie closed onto the bar at the same moment: this is not its own voltage
-            y.refused = 2.0
         elif u.v_set.real >= 1.0:
             x_next.state = ON
     elif x.state == UNLOADING:
@@ -128,6 +142,16 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
             x_next.state = STARTING
         elif unload(dt, x, u, p, x_next):
             x_next.state = OFF
+    elif x.state == SYNCHRONISING:
+        if not wanted:
+            x_next.state = OFF
+        elif u.in_step.real > 0.5:
+            x_next.state = ON
+        elif u.no_step.real > 0.5:
+            x_next.state = OFF
+            x_next.gave_up = 1.0
+    if not wanted:
+        x_next.gave_up = 0.0
     if x_next.state != UNLOADING or x.state != UNLOADING:
         x_next.v_ref = 1.0
         x_next.p_ref = 0.0
@@ -135,9 +159,14 @@ def update(t, dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_nex
         x_next.p_before = u.p
         x_next.alone = 0.0
     running = x_next.state != OFF
+    if not running:
+        x_next.joined = 0.0
     y.code = x_next.state
     y.enable = 1.0 if running else 0.0
-    y.position = 0.0 if running else 1.0
+    y.position = IDLE if x_next.state == SYNCHRONISING else (CLOSED if running else OPEN)
+    # not before its own voltage is there: a dead side would be closed onto
+    own = x_next.state != SYNCHRONISING or u.v_set.real >= 1.0
+    x_next.join = 1.0 if x_next.joined.real > 0.5 and own else 0.0
     y.on = 1.0 if x_next.state == ON else 0.0
 
 
@@ -208,7 +237,7 @@ class InverterMeter:
 
 @equipment(
     "inverter",
-    commands=(switch("on", "start and feed the AC bar", moored=True, refusals=REFUSALS),),
+    commands=(switch("on", "feed the AC bar, in step with it if it is live", moored=True, refusals=REFUSALS),),
     signals=(
         Published("p_ac", "W", "active power into the AC bar"),
         Published("q_ac", "var", "reactive power into the AC bar"),
@@ -269,6 +298,7 @@ class Inverter:
             | filter_state("i_g", "i_2")
             | {"v_dc": bus.nodes[0], "enable": enable}
             | {"v_ref": f"{name}.sequence.v_ref", "p_ref": f"{name}.sequence.p_ref"}
+            | {"dw_join": f"{name}.synchroniser.dw_sync", "dV_join": f"{name}.synchroniser.dV_sync"}
             | trims_of(self.grid, ship),
             clock=clock,
         )
@@ -277,8 +307,18 @@ class Inverter:
             InverterSequence(v_n=grid.v_n),
             inputs=v_bar
             | {"on": net.command(f"{name}.on"), "v_dc": bus.nodes[0]}
-            | {"v_set": f"{name}.control.v_set", "p": f"{name}.control.p", "q": f"{name}.control.q"},
+            | {"v_set": f"{name}.control.v_set", "p": f"{name}.control.p", "q": f"{name}.control.q"}
+            | {"in_step": f"{name}.synchroniser.closed", "no_step": f"{name}.synchroniser.refused"},
             clock=Every(10e-3),
+        )
+        net.add(
+            f"{name}.synchroniser",
+            AcTie(v_n=grid.v_n, S_n=self.rating),
+            inputs={f"from_{axis}": node for axis, node in axes.items()}
+            | filter_state("to", "v_c")
+            | filter_state("i", "i_2")
+            | {"close": f"{name}.sequence.join"},
+            clock=Every(AC_CONTROL_PERIOD),
         )
         net.add(
             f"{name}.meter",

@@ -140,7 +140,11 @@ def _field(field: dataclasses.Field[Any], hint: Any) -> dict[str, Any]:
         return _object(field.metadata["block"])
     schema: dict[str, Any] = {"type": "string", "description": field.metadata.get("description", "")}
     unit = unit_of(hint)
-    if "choice" in field.metadata:
+    if "curve" in field.metadata:
+        pair = {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2}
+        pairs = {"type": "array", "items": pair, "minItems": 1}
+        schema = {"description": schema["description"], "anyOf": [{"enum": list(field.metadata["choice"])}, pairs]}
+    elif "choice" in field.metadata:
         schema["enum"] = list(field.metadata["choice"])
     elif unit is not None:
         bounds = field.metadata.get("bounds")

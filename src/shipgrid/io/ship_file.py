@@ -20,9 +20,10 @@ from shipgrid.automation.modes import MODES, mode_commands
 from shipgrid.components.electrical.bar_meter import BarMeter
 from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
 from shipgrid.errors import ParameterError, ShipgridError
-from shipgrid.io.quantities import expectation, parse_quantity
+from shipgrid.io.quantities import EXAMPLES, expectation, parse_quantity
 from shipgrid.io.yaml_lines import (
     Document,
+    Listing,
     Node,
     Place,
     Problems,
@@ -187,7 +188,7 @@ class Ship:
     @cached_property
     def commands(self) -> Mapping[str, Command]:
         """Commands by path, `bess_for.i_ref`."""
-        return _commands({name: kind_of(item) for name, item in self.equipment.items()})
+        return _commands({name: kind_of(item) for name, item in [*self.equipment.items(), *self._hull]})
 
     @property
     def signals(self) -> Mapping[str, Published]:
@@ -235,11 +236,13 @@ class Ship:
         for name, item in self._in_build_order():
             item.build(network, name, view)
 
+    @property
+    def _hull(self) -> list[tuple[str, Any]]:
+        return [] if self.hull is None else [("hull", self.hull)]
+
     def _in_build_order(self) -> list[tuple[str, Any]]:
         rank = {kind: k for k, kind in enumerate(BUILD_ORDER)}
-        everything = list(self.equipment.items())
-        if self.hull is not None:
-            everything.append(("hull", self.hull))
+        everything = [*self.equipment.items(), *self._hull]
         return sorted(everything, key=lambda named: rank.get(kind_of(named[1]).kind, len(rank)))
 
 
@@ -416,7 +419,7 @@ class _ShipReader:
         named = {**self.kinds, **({"hull": EQUIPMENT["hull"]} if "hull" in self.document.root else {})}
         signals |= {f"{name}.{s.name}": s for name, kind in named.items() for s in kind.signals}
         unreadable = frozenset(self.places) - set(self.kinds) - set(self.bus_kinds)
-        return Catalogue(_commands(self.kinds), signals, _breakers(self.kinds), unreadable, _modes(self.kinds))
+        return Catalogue(_commands(named), signals, _breakers(self.kinds), unreadable, _modes(self.kinds))
 
     def head(self, root: Section) -> None:
         check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull"))
@@ -550,13 +553,15 @@ class _ShipReader:
             cls = field.metadata["block"]
             values = self.fields(cls, node, path, owner, ())
             return None if values is None else _with_defaults(cls, field.metadata["defaults"], values, self, node, path)
+        if "curve" in field.metadata and isinstance(node, Listing):
+            return self.curve(node, field.metadata["curve"], path)
         if not isinstance(node, Scalar) or node.empty:
             self.problems.add(node.place, path, f"is not one value, expected {_expected(field, hint)}")
             return None
         if "choice" in field.metadata:
             words = field.metadata["choice"]
             if node.text not in words:
-                self.problems.add(node.place, path, f"'{node.text}' is no choice, expected {', '.join(words)}")
+                self.problems.add(node.place, path, f"'{node.text}' is no choice, expected {_words(field)}")
                 return None
             return node.text
         if "reference" in field.metadata:
@@ -599,6 +604,32 @@ class _ShipReader:
             self.problems.add(node.place, path, what)
             return None
         return value
+
+    def curve(self, node: Listing, units: tuple[str, str], path: str) -> tuple[tuple[float, ...], ...] | None:
+        """Pairs of values, each of which rises from above zero, or None and every problem among them."""
+        before = len(self.problems)
+        points: list[tuple[float, ...]] = []
+        last = ""
+        for k, pair in enumerate(node.items):
+            inside = f"{path}.{k}"
+            listed = pair.items if isinstance(pair, Listing) else ()
+            ends = [end for end in listed if isinstance(end, Scalar) and not end.empty]
+            if len(ends) != 2 or len(listed) != 2:
+                self.problems.add(pair.place, inside, f"is not a pair, expected {_pair(units)}")
+                continue
+            positive = Bounds("both rise from above zero", above=0.0)
+            found = [self.quantity(end, unit, positive, inside) for end, unit in zip(ends, units, strict=True)]
+            if None in found:
+                continue
+            written = f"[{ends[0].text}, {ends[1].text}]"
+            point = tuple(value for value in found if value is not None)
+            if points and not all(new > old for new, old in zip(point, points[-1], strict=True)):
+                self.problems.add(pair.place, inside, f"{written} comes after {last}, expected both to rise")
+            points.append(point)
+            last = written
+        if not node.items:
+            self.problems.add(node.place, path, f"is empty, expected a list of pairs {_pair(units)}")
+        return tuple(points) if len(self.problems) == before else None
 
     def refer(self, field: dataclasses.Field[Any], name: str, place: Place, path: str, owner: str) -> None:
         kinds = tuple(field.metadata["reference"])
@@ -733,7 +764,7 @@ def _with_defaults(
 def _expected(field: dataclasses.Field[Any], hint: Any) -> str:
     """What a field wants, in words."""
     if "choice" in field.metadata:
-        return f"one of {', '.join(field.metadata['choice'])}"
+        return f"one of {_words(field)}"
     if "reference" in field.metadata:
         return "the name of " + " or ".join(_named(kind) for kind in field.metadata["reference"])
     if "block" in field.metadata:
@@ -743,6 +774,17 @@ def _expected(field: dataclasses.Field[Any], hint: Any) -> str:
         return "a word"
     bounds = field.metadata.get("bounds")
     return expectation(unit) + (f" ({bounds.description})" if bounds else "")
+
+
+def _words(field: dataclasses.Field[Any]) -> str:
+    """The words of a choice, and what else may stand in their place."""
+    pairs = f", or a list of pairs {_pair(field.metadata['curve'])}" if "curve" in field.metadata else ""
+    return ", ".join(field.metadata["choice"]) + pairs
+
+
+def _pair(units: tuple[str, str]) -> str:
+    """What a pair looks like: `[6 kn, 18 kN]`."""
+    return f"[{', '.join(EXAMPLES[unit] for unit in units)}]"
 
 
 def _with_unit(bounds: Bounds, unit: str) -> str:

@@ -235,11 +235,12 @@ def _put(node: Node, steps: Sequence[str], value: Node, place: Place, depth: int
     key = ".".join(steps[:length])
     inner = node.entries.get(key, Section({}, {}, place))
     rest = steps[length:]
-    # A block left out of the file may be begun here; an item may not: it would be a slip in its name.
+    # A block left out of the file may be begun here; an item may not: it would be a slip in its name. The hull is one.
     if depth < 2 and rest and key not in node and key != "set":
         raise LookupError(f"no entry '{key}'{nearest(key, node.entries)}, expected the path of one")
     # Commands are keys with a point in them: `set: {bess_for.i_ref: -128 A}`.
-    changed = _put(inner, [".".join(rest)] if key == "set" and rest else rest, value, place, depth + 1)
+    below = depth + (2 if key == "hull" else 1)
+    changed = _put(inner, [".".join(rest)] if key == "set" and rest else rest, value, place, below)
     return Section({**node.entries, key: changed}, {**node.keys, key: node.keys.get(key, place)}, node.place)
 
 

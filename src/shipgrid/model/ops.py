@@ -104,3 +104,17 @@ def interp(a, tables, start, n, low, step):
     k = min(int(place.real), n - 2) if place.real > 0.0 else 0  # 0 as well where the place is no number
     f = place - k
     return tables[start + k] * (1.0 - f) + tables[start + k + 1] * f
+
+
+@kernel
+def catmull_rom(f):
+    """Weights of four neighbouring values at the fraction `f` between the middle two: a cubic without kinks.
+
+    Slopes at the middle two are their central differences, so that value and slope meet from interval to interval.
+    """
+    return (
+        0.5 * f * (f * (2.0 - f) - 1.0),
+        0.5 * (f * f * (3.0 * f - 5.0) + 2.0),
+        0.5 * f * (f * (4.0 - 3.0 * f) + 1.0),
+        0.5 * f * f * (f - 1.0),
+    )

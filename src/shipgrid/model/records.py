@@ -6,7 +6,6 @@ view works compiled and uncompiled (`NUMBA_DISABLE_JIT=1`), for real numbers and
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import typing
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.model.component import Empty, fields_of, type_of, unit_of
+from shipgrid.model.component import Empty, fields_of, parameters_of, type_of, unit_of
 
 
 @cache
@@ -31,7 +30,7 @@ def record_dtype(record: type, scalar: str = "f8") -> np.dtype:
 @cache
 def parameter_dtype(cls: type, scalar: str = "f8") -> np.dtype:
     """Structured dtype of a component's parameters and derived constants."""
-    names = [f.name for f in dataclasses.fields(cls)] + [f.name for f in fields_of(type_of(cls).derived)]
+    names = [name for name, *_ in parameters_of(cls)] + [f.name for f in fields_of(type_of(cls).derived)]
     return np.dtype((np.record, [(name, scalar) for name in names]))
 
 
@@ -85,7 +84,7 @@ def parameter_values(item: Any, tables: list[np.ndarray]) -> np.ndarray:
     kernel needs it, is a derived constant of its own.
     """
     kind = type_of(item)
-    values = [float(getattr(item, f.name)) for f in dataclasses.fields(item)]
+    values = [float(getattr(item, name)) for name, *_ in parameters_of(type(item))]
     if kind.derive is not None:
         derived = dict(kind.derive(item))
         for name in names_of(kind.derived):

@@ -8,8 +8,9 @@
 -i_2. `L_2` is the leakage of the transformer where there is one, its ratio already referred. `R_d` stands in series
 with C. Written per axis (alpha, beta): the star point is insulated and carries no zero sequence.
 
-Two contact positions beside the closed one: `open`, the contactor towards the grid is open and the capacitors are
-discharged; `precharge`, the contactor is closed through the resistor `R_p`, which stands in (3) beside R_2.
+Three contact positions beside the closed one: `open`, the contactor towards the grid is open and the capacitors are
+discharged; `precharge`, the contactor is closed through the resistor `R_p`, which stands in (3) beside R_2; `idle`, the
+contactor is open while the converter runs on the capacitors.
 
 Source: [DAgostino2020] table A1 and fig. 5; docs/theory/converters.md.
 """
@@ -31,7 +32,7 @@ class State:
 class Input:
     v_conv: Volt = signal("voltage of the converter poles")
     v_g: Volt = signal("grid voltage")
-    position: Ratio = signal("position of the contactor: 0 closed, 1 open, 2 through the resistor", initial=0.0)
+    position: Ratio = signal("contactor: 0 closed, 1 open, 2 through the resistor, 3 open and running", initial=0.0)
 
 
 class Output:
@@ -77,7 +78,7 @@ def losses(x: State, u: Input, p: LclFilter):
     stored_energy=stored_energy,
     losses=losses,
     terminals=(Terminal("converter", v="v_conv", i="i_conv"), Terminal("grid", v="v_g", i="i_g")),
-    variants={"open": ("i_1", "v_c", "i_2"), "precharge": ()},
+    variants={"open": ("i_1", "v_c", "i_2"), "precharge": (), "idle": ("i_2",)},
     passive=True,
 )
 class LclFilter:

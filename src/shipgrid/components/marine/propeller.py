@@ -8,10 +8,11 @@
 with n = omega_m / 2 pi in revolutions per second. CT* and CQ* are one smooth periodic table, made once:
 
 - from J_adv = 0 to the zero of KT, n > 0: the open-water polynomials [Oosterveld1975] by (4);
-- elsewhere: the Fourier series of the tested propeller [Roddy2006] nearest in Z, then A_E/A_0, then P/D. For the
-  ferry's B5-75 with P/D 0.9 that is B5-75 with P/D 1.0, *unscaled*: no table of P/D 0.9 exists. Its thrust at beta =
-  -10 degrees and past the zero of KT lies within 0.02 .. 0.04 (CT*) of the polynomials continued; how well it does at
-  crash-stop angles is unknown;
+- elsewhere: the Fourier series of the tested propeller [Roddy2006] nearest in Z, then A_E/A_0, then P/D, brought to the
+  screw's pitch by the difference that B4-70 shows between the two pitches: it alone was tested at several, 0.5 to 1.4.
+  For the ferry's B5-75 with P/D 0.9 that is B5-75 with P/D 1.0 and that difference. Where polynomials and series join
+  they are 0.0045 apart in CT*, 0.0009 in CQ* (`mismatch`; without the difference 0.030 and 0.0070; the tested B5-75
+  itself 0.0038 and 0.0002). How well this does at crash-stop angles is unknown;
 - the two blend over 10 degrees beyond each end of the polynomials, by a fifth-order step (value, slope and curvature
   meet).
 
@@ -38,12 +39,14 @@ from functools import cache
 import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.ops import arctan2, clip
+from shipgrid.model.ops import arctan2, catmull_rom, clip
 from shipgrid.units import KilogramPerMetre3, Metre, MetrePerSecond, Newton, NewtonMetre, RadianPerSecond, Ratio
 
 POINTS = 720
 """Intervals of the table round the circle: 0.5 degrees; cubic interpolation is then within 1e-5 (tested)."""
 BLEND = math.radians(10.0)
+PITCH_SERIES = (4.0, 0.7)
+"""Z and A_E/A_0 of the propeller tested at five pitches, which are the range of `P_D`."""
 
 
 class Input:
@@ -72,11 +75,7 @@ def forces(omega_m, v_a, p, tables):
     place = (arctan2(v_a, v_tip) + math.pi) * (POINTS / (2.0 * math.pi))
     k = min(int(place.real), POINTS - 1) if place.real > 0.0 else 0  # 0 as well where the place is no number
     f = place - k
-    # Catmull-Rom: slopes are the central differences, so that the curve has no kink at a point of the table
-    w_0 = 0.5 * f * (f * (2.0 - f) - 1.0)
-    w_1 = 0.5 * (f * f * (3.0 * f - 5.0) + 2.0)
-    w_2 = 0.5 * f * (f * (4.0 - 3.0 * f) + 1.0)
-    w_3 = 0.5 * f * f * (f - 1.0)
+    w_0, w_1, w_2, w_3 = catmull_rom(f)
     at = int(p.characteristic.real) + 2 * k
     c_t = w_0 * tables[at] + w_1 * tables[at + 2] + w_2 * tables[at + 4] + w_3 * tables[at + 6]
     c_q = w_0 * tables[at + 1] + w_1 * tables[at + 3] + w_2 * tables[at + 5] + w_3 * tables[at + 7]
@@ -127,8 +126,35 @@ def open_water(coefficient: str, J_adv, P_D: float, A_E: float, Z: float) -> np.
     return (C * J**s * P_D**t * A_E**u * Z**v).sum(axis=-1)
 
 
+@cache
+def fourier() -> dict[tuple[float, float], dict[float, np.ndarray]]:
+    """Fourier coefficients AT, BT, AQ, BQ of the tested propellers, shape (harmonics, 4), by (Z, A_E/A_0), then P/D."""
+    found: dict[tuple[float, float], dict[float, np.ndarray]] = {}
+    rows = table("wageningen_four_quadrant.csv")
+    for shape in sorted({(float(r["Z"]), float(r["AE_A0"]), float(r["P_D"])) for r in rows}):
+        own = [r for r in rows if (float(r["Z"]), float(r["AE_A0"]), float(r["P_D"])) == shape]
+        own.sort(key=lambda r: int(r["k"]))
+        values = [[float(r[key]) for key in ("AT", "BT", "AQ", "BQ")] for r in own]
+        found.setdefault(shape[:2], {})[shape[2]] = np.array(values)
+    return found
+
+
+def stand_in(P_D: float, A_E: float, Z: float) -> tuple[tuple[float, float], float]:
+    """Tested propeller that stands for a screw beyond the polynomials: (Z, A_E/A_0) and P/D, nearest in that order."""
+    series = min(fourier(), key=lambda shape: (abs(shape[0] - Z), round(abs(shape[1] - A_E), 9)))
+    return series, min(fourier()[series], key=lambda pitch: abs(pitch - P_D))
+
+
+def at_pitch(P_D: float) -> np.ndarray:
+    """Fourier coefficients of B4-70, the one propeller tested at several pitches, linear between them."""
+    pitches, values = zip(*fourier()[PITCH_SERIES].items(), strict=True)
+    above = int(np.clip(np.searchsorted(pitches, P_D), 1, len(pitches) - 1))
+    weight = (P_D - pitches[above - 1]) / (pitches[above] - pitches[above - 1])
+    return (1.0 - weight) * values[above - 1] + weight * values[above]
+
+
 def four_quadrants(coefficient: str, beta, P_D: float, A_E: float, Z: float) -> np.ndarray:
-    """CT* or CQ* of the tested propeller nearest in Z, then A_E/A_0, then P/D, by its Fourier series.
+    """CT* or CQ* by the Fourier series of `stand_in`, brought to the screw's pitch by the difference of B4-70.
 
     Parameters
     ----------
@@ -139,16 +165,10 @@ def four_quadrants(coefficient: str, beta, P_D: float, A_E: float, Z: float) -> 
     P_D, A_E, Z : float
         Pitch ratio, blade area ratio, number of blades.
     """
-    rows = table("wageningen_four_quadrant.csv")
-
-    def distance(row: dict[str, str]) -> tuple[float, ...]:
-        wanted = (("Z", Z), ("AE_A0", A_E), ("P_D", P_D))
-        return tuple(round(abs(float(row[key]) - value), 9) for key, value in wanted)
-
-    nearest = min(map(distance, rows))
-    terms = [row for row in rows if distance(row) == nearest]
-    k, a, b = (np.array([float(row[key]) for row in terms]) for key in ("k", "A" + coefficient, "B" + coefficient))
-    angle = np.asarray(beta, dtype=float)[..., None] * k
+    series, pitch = stand_in(P_D, A_E, Z)
+    terms = fourier()[series][pitch] + at_pitch(P_D) - at_pitch(pitch)
+    a, b = terms.T["TQ".index(coefficient) * 2 :][:2]
+    angle = np.asarray(beta, dtype=float)[..., None] * np.arange(len(a))
     return (a * np.cos(angle) + b * np.sin(angle)).sum(axis=-1)
 
 
@@ -158,16 +178,40 @@ def step(x):
     return x**3 * (10.0 + x * (6.0 * x - 15.0))
 
 
+def zero_thrust(P_D: float, A_E: float, Z: float) -> float:
+    """Angle beta [rad] at which the polynomial of KT is zero, to 0.001 in J: that is nothing to the blend."""
+    J = np.linspace(0.0, 2.0, 2001)
+    return math.atan(J[int(np.argmax(open_water("KT", J, P_D, A_E, Z) <= 0.0))] / (0.7 * math.pi))
+
+
+def first_quadrant(coefficient: str, beta: np.ndarray, P_D: float, A_E: float, Z: float) -> np.ndarray:
+    """CT* or CQ* by the polynomials, from -90 to 90 degrees: (4)."""
+    J = 0.7 * math.pi * np.tan(beta)
+    return open_water("K" + coefficient, J, P_D, A_E, Z) * 8.0 / (math.pi * (J**2 + (0.7 * math.pi) ** 2))
+
+
 def as_tested(coefficient: str, beta: np.ndarray, P_D: float, A_E: float, Z: float) -> np.ndarray:
     """CT* or CQ* of the screw in its own axes: polynomials in the first quadrant, blended into the Fourier series."""
     beta = (beta + math.pi) % (2.0 * math.pi) - math.pi
-    J_far = np.linspace(0.0, 2.0, 2001)
-    first = int(np.argmax(open_water("KT", J_far, P_D, A_E, Z) <= 0.0))
-    beta_0 = math.atan(J_far[first] / (0.7 * math.pi))  # to 0.001 in J, which is nothing to a blend over 10 degrees
+    beta_0 = zero_thrust(P_D, A_E, Z)
     weight = step((beta + BLEND) / BLEND) * step((beta_0 + BLEND - beta) / BLEND)
-    J = 0.7 * math.pi * np.tan(np.where(weight > 0.0, beta, 0.0))
-    near = open_water("K" + coefficient, J, P_D, A_E, Z) * 8.0 / (math.pi * (J**2 + (0.7 * math.pi) ** 2))  # (4)
+    near = first_quadrant(coefficient, np.where(weight > 0.0, beta, 0.0), P_D, A_E, Z)
     return weight * near + (1.0 - weight) * four_quadrants(coefficient, beta, P_D, A_E, Z)
+
+
+def mismatch(P_D: float, A_E: float, Z: float) -> tuple[float, float]:
+    """Largest differences of CT* and CQ* between polynomials and Fourier series where they join.
+
+    They join at J_adv = 0 and at the zero of KT.
+
+    Parameters
+    ----------
+    P_D, A_E, Z : float
+        Pitch ratio, blade area ratio, number of blades.
+    """
+    ends, shape = np.array([0.0, zero_thrust(P_D, A_E, Z)]), (P_D, A_E, Z)
+    apart = [np.abs(first_quadrant(c, ends, *shape) - four_quadrants(c, ends, *shape)).max() for c in "TQ"]
+    return float(apart[0]), float(apart[1])
 
 
 def characteristic(coefficient: str, beta: np.ndarray, ends: float, P_D: float, A_E: float, Z: float) -> np.ndarray:
