@@ -111,6 +111,12 @@ def test_requirements_that_were_judged_are_a_table_and_the_others_are_counted(si
     assert "1 not evaluated (not recorded: bess_mid.soc)" in result.stdout.splitlines()
 
 
+def test_a_rule_in_time_is_said_with_its_band(simulated):
+    row = synthetic_run.SUMMARY["requirements"][0] | {"unit": "s", "limit": [None, 1.5], "value": 0.25}
+    simulated(requirements=[Verdict(**row, rule="recovery", inside=[715.0, None], inside_unit="V")])
+    assert "band >= 715 V, outside for <= 1.5 s" in shipgrid("run").stdout
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

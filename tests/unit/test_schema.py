@@ -80,6 +80,7 @@ def test_a_slip_in_a_ship_file_is_refused(validators, path, value, names):
         (("start", "state"), "sailing", "'sailing' is not one of"),
         (("requirements", 0, "band"), ["715 V"], "is too short"),
         (("requirements", 0, "max"), "785 V", "is valid under each of"),
+        (("requirements", 0, "recovery"), 1.5, "1.5 is not of type 'string'"),
         (("duration",), None, "None is not of type 'string'"),
     ],
 )

@@ -460,12 +460,18 @@ def _say_results(results: Any) -> None:
 
 
 def _limits(verdict: Any) -> str:
-    low, high = verdict.limit
+    if not verdict.rule:
+        return f"{verdict.measure} {_range(verdict.limit, verdict.unit)}"
+    words = {"recovery": "outside for", "settles": "settled in"}[verdict.rule]
+    band = _range(verdict.inside, verdict.inside_unit)
+    return f"{verdict.measure} {band}, {words} {_range(verdict.limit, 's')}"
+
+
+def _range(limit: Any, unit: str) -> str:
+    low, high = limit
     if low is None:
-        return f"{verdict.measure} <= {high:.5g} {verdict.unit}"
-    if high is None:
-        return f"{verdict.measure} >= {low:.5g} {verdict.unit}"
-    return f"{verdict.measure} {low:.5g} .. {high:.5g} {verdict.unit}"
+        return f"<= {high:.5g} {unit}"
+    return f">= {low:.5g} {unit}" if high is None else f"{low:.5g} .. {high:.5g} {unit}"
 
 
 def _quantity(option: str, text: str | None, unit: str) -> float | None:

@@ -227,7 +227,7 @@ class Results:
         """What was asked, and what became of it."""
         known = Verdict.__dataclass_fields__
         rows = self.summary.get("requirements", [])
-        return [Verdict(**{field: row.get(field) for field in known}) for row in rows]
+        return [Verdict(**{field: row.get(field, known[field].default) for field in known}) for row in rows]
 
     @property
     def ok(self) -> bool:
