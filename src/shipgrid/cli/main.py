@@ -450,6 +450,10 @@ def _say_results(results: Any) -> None:
         typer.echo(f"{outside} not evaluated (outside the run)")
     if unknown:
         typer.echo(f"{len(unknown)} not evaluated (not recorded: {', '.join(dict.fromkeys(unknown))})")
+    for verdict in results.class_limits:
+        if verdict.verdict == "violated":
+            value = f"{verdict.value:.5g} {verdict.unit}"
+            typer.echo(f"limit of class violated: {verdict.name}, {verdict.signal}, {_limits(verdict)}: {value}")
     typer.echo(
         f"{summary.get('simulated_s', 0.0):g} s in {summary.get('wall_s', 0.0):.1f} s "
         f"({summary.get('us_per_step', 0.0):.2f} us a step); "
