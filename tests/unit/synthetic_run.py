@@ -124,6 +124,21 @@ SUMMARY = {
         _verdict("DC bus", "dc_for.v_dc", "band", "V", [715.0, 785.0], 721.5, 6.5, 312.0, None, "met"),
         _verdict("SOC", "bess_for.soc", "max", "1", [None, 0.61], 0.617, -0.007, 1424.0, 1360.0, "violated"),
     ],
+    "class_limits": [
+        _verdict("IACS UR E5: voltage", "dc_for.v_dc", "band", "V", [675.0, 825.0], 721.5, 46.5, 312.0, None, "met"),
+        _verdict(
+            "ISO 8528-5 G2: speed, transient",
+            "genset_for.omega_pu",
+            "band",
+            "1",
+            [0.9, 1.12],
+            0.875,
+            -0.025,
+            311.0,
+            310.9,
+            "violated",
+        ),
+    ],
     "energy": {
         "sources": {
             "genset_for.engine": 3.2e8,

@@ -11,7 +11,7 @@ from shipgrid.model.records import make_record, parameter_record
 DT = 1e-3
 
 
-def read(voltages, p=None):
+def read(voltages, symbols=("v_pu", "f")):
     """Readings for a sequence of (v_alpha, v_beta)."""
     p, _ = parameter_record(BarMeter())
     x, readings = make_record(bar_meter.State), []
@@ -20,7 +20,7 @@ def read(voltages, p=None):
         u = make_record(bar_meter.Input, {"v_alpha": a, "v_beta": b})
         bar_meter.update(k * DT, DT, x, u, p, x_next, y)
         x = x_next
-        readings.append((y.v_pu, y.f))
+        readings.append(tuple(y[symbol] for symbol in symbols))
     return readings
 
 
@@ -60,3 +60,13 @@ def test_frequency_step_is_followed_as_by_two_low_passes():
     k = 1.0 - math.exp(-DT * 2.0 * math.pi * 20.0)  # each low-pass, sampled: a pole at 1 - k
     rest = (1.0 - k) ** n * (1.0 + k * n)  # step response of two equal ones in a row
     assert readings[200 - 1 + n][1] == pytest.approx(60.0 - 0.5 * (1.0 - rest), abs=1e-6)
+
+
+def test_rms_reading_overlooks_a_millisecond_and_follows_a_step_within_two_cycles():
+    ups, dip = turning(60.0, 1.0, 0.2), (0.7 * v for v in turning(60.0, 1.0, 1e-3)[0])
+    steady = read(ups, ["v_rms_pu"])[-1][0]
+    assert steady == pytest.approx(1.0, abs=1e-9)
+    (short,) = read([*ups, tuple(dip)], ["v_rms_pu"])[-1]
+    assert short == pytest.approx(1.0 - 0.3 * (1.0 - math.exp(-DT * 120.0)), abs=1e-6)  # 0.034 of it, by (3)
+    after = [v for (v,) in read([*ups, *turning(60.0, 0.8, 0.05)], ["v_rms_pu"])][len(ups) :]
+    assert after[round(2.0 / 60.0 / DT)] == pytest.approx(0.8 + 0.2 * math.exp(-4.0), abs=1e-3)

@@ -28,7 +28,8 @@ def shipgrid(*words: str):
 class Simulated:
     """Stands in for the runner: remembers what it was asked for, and answers as told."""
 
-    def __init__(self, ok=True, interrupted=False, error=None, requirements=()):
+    def __init__(self, ok=True, interrupted=False, error=None, requirements=(), class_limits=()):
+        self.class_limits = class_limits
         self.requirements = list(requirements)
         self.ok, self.interrupted, self.error = ok, interrupted, error
         self.asked = None
@@ -39,7 +40,10 @@ class Simulated:
             raise self.error
         options["progress"](1.0, 60.0)
         summary = {"simulated_s": 60.0, "wall_s": 1.0, "us_per_step": 3.0, "interrupted": self.interrupted}
-        return SimpleNamespace(ok=self.ok, requirements=self.requirements, summary=summary, folder=Path("results/x"))
+        limits = [Verdict(**row) for row in self.class_limits]
+        found = SimpleNamespace(ok=self.ok, requirements=self.requirements, class_limits=limits, summary=summary)
+        found.folder = Path("results/x")
+        return found
 
 
 @pytest.fixture
@@ -110,6 +114,22 @@ def test_requirements_that_were_judged_are_a_table_and_the_others_are_counted(si
     assert "later" not in result.stdout
     assert "2 not evaluated (outside the run)" in result.stdout.splitlines()
     assert "1 not evaluated (not recorded: bess_mid.soc)" in result.stdout.splitlines()
+
+
+def test_a_violated_limit_of_class_is_said_and_does_not_fail_the_run(simulated):
+    simulated(class_limits=synthetic_run.SUMMARY["class_limits"])
+    result = shipgrid("run")
+    assert result.exit_code == 0
+    said = [line for line in result.stdout.splitlines() if line.startswith("limit of class violated")]
+    assert (
+        len(said) == 1 and "ISO 8528-5 G2: speed, transient, genset_for.omega_pu, band 0.9 .. 1.12 1: 0.875" in said[0]
+    )
+
+
+def test_a_rule_in_time_is_said_with_its_band(simulated):
+    row = synthetic_run.SUMMARY["requirements"][0] | {"unit": "s", "limit": [None, 1.5], "value": 0.25}
+    simulated(requirements=[Verdict(**row, rule="recovery", inside=[715.0, None], inside_unit="V")])
+    assert "band >= 715 V, outside for <= 1.5 s" in shipgrid("run").stdout
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_off_alone_takes_the_bar_down_before_the_contactor_opens():
     sequence.until(ON, 1.0, 3.0)
     assert sequence.see(0.0).enable == 1.0
     sequence.until(OFF, 0.0, 6.0)
-    assert alone(sequence.v_set, 0.0)[0] < 0.03
+    assert sequence.v_set < 0.01  # of the contactor's decision: nothing flows any more
 
 
 def test_off_in_parallel_hands_the_load_over_and_leaves_the_voltage():

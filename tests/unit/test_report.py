@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
@@ -15,11 +16,12 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import synthetic_run
 
+from shipgrid.analysis.requirements import Verdict
 from shipgrid.errors import InputErrors
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
 from shipgrid.io.plot import plot
-from shipgrid.io.report import energy_table, render, si
+from shipgrid.io.report import energy_table, limits, render, si
 from shipgrid.scenarios.results import open_results
 
 MEGABYTES = 1e6
@@ -58,9 +60,29 @@ def test_the_report_is_one_file_that_asks_for_nothing_else(page):
 def test_the_report_says_what_was_asked_and_what_became_of_it(page):
     text = re.sub(r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]+>", " ", page, flags=re.DOTALL))
     verdicts = ("1 of 2 requirements violated", "715 V … 785 V", "6.5 V", "first at 1360 s")
+    of_class = (
+        "1 of 2 violated",
+        "ISO 8528-5 G2: speed, transient",
+        "0.9 … 1.12",
+        "first at 310.9 s",
+        "IACS UR E5: voltage",
+    )
     others = ("12.5 s", "0123abc", "60 µs", "refused: the rest cannot carry the load yet", "88.89", "MinMaxLTTB")
-    for said in (*verdicts, *others):
+    for said in (*verdicts, *of_class, *others):
         assert said in text, said
+
+
+def test_a_rule_in_time_is_shown_with_the_band_it_is_about():
+    verdict = Verdict("bus", "dc_for.v_dc", "band", "s", [None, 1.5], [0.0, None], 0.2, 1.3, 4.0, None, "met")
+    assert (
+        limits(replace(verdict, rule="recovery", inside=[675.0, 825.0], inside_unit="V"))
+        == "≤ 1.5 s outside 675 V … 825 V"
+    )
+    assert (
+        limits(replace(verdict, rule="settles", inside=[None, 825.0], inside_unit="V"))
+        == "≤ 1.5 s until inside ≤ 825 V"
+    )
+    assert limits(verdict) == "≤ 1.5 s"
 
 
 def test_every_panel_shows_the_extremes_of_the_record(run):

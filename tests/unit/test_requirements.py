@@ -137,3 +137,85 @@ def test_a_figure_of_the_whole_run_is_judged_at_its_end(error, word):
     assert (verdict.verdict, verdict.at) == (word, 60.0)
     (verdict,) = evaluate([balance], Nothing(), 60.0)
     assert verdict.verdict == "not evaluated"
+
+
+def test_a_spread_is_from_the_smallest_to_the_greatest_value_with_the_moment_it_grew_too_wide():
+    swing = [5.0, 7.0, 3.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0]
+    assert judge(asked(spread=4.0), series(swing)).ok
+    verdict = judge(asked(spread=3.9), series(swing))
+    assert (verdict.verdict, verdict.value, verdict.first_violation) == ("violated", 4.0, 2.0)
+    assert judge(asked(spread=3.9, **{"from": 3.0}), series(swing)).value == 0.0
+
+
+DIP = [750.0, 750.0, 700.0, 690.0, 750.0, 750.0, 700.0, 750.0, 750.0, 750.0, 750.0]  # 2 s outside, then 1 s
+
+
+def test_recovery_allows_a_time_outside_and_measures_the_longest_stretch():
+    verdict = judge(asked(band=[720.0, 780.0], recovery=2.0), series(DIP))
+    assert (verdict.verdict, verdict.value, verdict.margin, verdict.unit) == ("met", 2.0, 0.0, "s")
+    assert (verdict.at, verdict.first_violation) == (3.0, None)
+    assert (verdict.limit, verdict.inside, verdict.inside_unit) == ([None, 2.0], [720.0, 780.0], "V")
+    verdict = judge(asked(band=[720.0, 780.0], recovery=1.5), series(DIP))
+    assert (verdict.verdict, verdict.margin) == ("violated", -0.5)
+    assert verdict.first_violation == 2.5  # outside since 1, when 1.5 s were over
+    assert judge(asked(min=720.0, recovery=1.0), series(DIP[4:], time=TIME[:7])).ok
+
+
+def test_recovery_sees_a_peak_between_two_samples_as_their_whole_interval():
+    low = np.full(11, 750.0)
+    low[5] = 600.0
+    assert judge(asked(min=720.0, recovery=1.0), series(np.full(11, 750.0), low, np.full(11, 750.0))).value == 1.0
+
+
+def test_recovery_counts_only_the_instants_it_is_told_to():
+    counts = np.ones(11, bool)
+    counts[3] = False
+    assert judge(asked(band=[720.0, 780.0], recovery=1.0), series(DIP), counts).ok
+    assert judge(asked(band=[720.0, 780.0]), series(DIP), TIME > 6.0).ok
+    assert judge(asked(band=[720.0, 780.0]), series(DIP), TIME > 99.0).verdict == "not evaluated"
+
+
+def test_settling_is_the_last_time_outside_after_the_start():
+    window = {"from": 1.0}
+    verdict = judge(asked(band=[720.0, 780.0], settles=5.0, **window), series(DIP))
+    assert (verdict.verdict, verdict.value, verdict.margin, verdict.at) == ("met", 5.0, 0.0, 6.0)
+    verdict = judge(asked(band=[720.0, 780.0], settles=4.0, **window), series(DIP))
+    assert (verdict.verdict, verdict.first_violation) == ("violated", 5.0)
+    assert judge(asked(band=[720.0, 780.0], settles=4.0, **{"from": 7.0}), series(DIP)).value == 0.0
+
+
+def test_what_never_settles_violates_and_a_window_cut_short_is_open():
+    outside = series(np.full(11, 900.0))
+    assert judge(asked(max=800.0, settles=5.0), outside).value == 10.0
+    assert not judge(asked(max=800.0, settles=5.0), outside).ok
+    assert judge(asked(max=800.0, settles=15.0, until=20.0), outside).verdict == "not evaluated"
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"mean": [0.0, 1.0], "recovery": 1.0},
+        {"spread": 1.0, "settles": 1.0},
+        {"max": 1.0, "recovery": 1.0, "settles": 1.0},
+    ],
+)
+def test_rules_in_time_go_with_single_values_and_not_together(limits):
+    with pytest.raises(ParameterError, match="expected one rule"):
+        asked(**limits)
+
+
+class TwoSignals:
+    signals = ("a", "b")
+
+    def series(self, name):
+        return {"a": series(TIME, TIME - 9.0, TIME + 9.0), "b": series([0.0, 10.0], time=np.array([0.0, 10.0]))}.get(
+            name
+        )
+
+
+def test_a_difference_of_two_signals_is_taken_instant_by_instant():
+    close = Requirement("tied", "a", "abs_max", 0.0, 1e-9, minus="b")
+    alone = Requirement("tied", "a", "abs_max", 0.0, 1e-9, minus="c")
+    verdict, unknown = evaluate([close, alone], TwoSignals())
+    assert verdict.ok and verdict.signal == "a - b"
+    assert unknown.verdict == "not evaluated"

@@ -80,6 +80,17 @@ def test_requirements_are_in_the_unit_of_their_signal(ship):
     assert (rest.measure, rest.low, rest.high) == ("abs_max", 0.0, pytest.approx(0.1 * KNOT))
 
 
+def test_rules_in_time_and_differences_are_read(ship):
+    softened = changed("max: 10.2 kn", "max: 10.2 kn, recovery: 1500 ms").replace(
+        "abs_max: 0.1 kn", "abs_max: 0.1 kn, settles: 0.5 min"
+    )
+    softened = softened.replace("band: [715 V, 785 V]", "spread: 4 V, minus: dc_aft.v_dc")
+    bus, fast, _, _, rest = reading(softened, ship).checked().requirements
+    assert (bus.measure, bus.low, bus.high, bus.signal, bus.minus) == ("spread", 0.0, 4.0, "dc_for.v_dc", "dc_aft.v_dc")
+    assert (fast.rule, fast.allowed) == ("recovery", 1.5)
+    assert (rest.rule, rest.allowed) == ("settles", 30.0)
+
+
 def test_the_step_a_scenario_asks_for_is_read(ship):
     assert reading(changed("60 s\n", "60 s\nstep: 60 us\n"), ship).checked().step == 60e-6
 
@@ -127,6 +138,22 @@ SET = "my.yaml:7: timeline.1.set."
         ("[715 V, 785 V]", "[715, 785 V]", "my.yaml:9: requirements.0.band.0: '715' has no unit"),
         ("band: [715 V, 785 V], ", "", "my.yaml:9: requirements.0: has no limit, expected one of band, min, max"),
         ("max: 10.2 kn", "max: 10.2 kn, min: 1 kn", "my.yaml:10: requirements.1: has min and max, expected one of"),
+        (
+            "max: 10.2 kn",
+            "max: 10.2 kn, minus: dc_for.v_dc",
+            "requirements.1.minus: dc_for.v_dc is in V, hull.u_ship in m/s",
+        ),
+        ("max: 10.2 kn", "max: 10.2 kn, minus: hull.v", "my.yaml:10: requirements.1.minus: no signal 'hull.v'"),
+        (
+            "max: 10.2 kn",
+            "max: 10.2 kn, settles: 1 s, recovery: 1 s",
+            "requirements.1: has recovery and settles, expected",
+        ),
+        (
+            "2 kW]",
+            "2 kW], recovery: 1 s",
+            "my.yaml:12: requirements.3.recovery: does not go with mean, expected one of band",
+        ),
         ("until: 0.5 min", "until: 0.5 s", "my.yaml:10: requirements.1.until: the window ends before it begins"),
         ("until: 0.5 min", "until: 5 min", "my.yaml:10: requirements.1.until: 5 min is after the end"),
         ("name: fast, ", "", "my.yaml:10: requirements.1.name: missing, expected a name"),

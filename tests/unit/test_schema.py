@@ -86,6 +86,7 @@ def test_resistance_may_be_a_list_of_pairs(validators):
         (("start", "state"), "sailing", "'sailing' is not one of"),
         (("requirements", 0, "band"), ["715 V"], "is too short"),
         (("requirements", 0, "max"), "785 V", "is valid under each of"),
+        (("requirements", 0, "recovery"), 1.5, "1.5 is not of type 'string'"),
         (("duration",), None, "None is not of type 'string'"),
     ],
 )

@@ -7,11 +7,19 @@ A requirement names a signal, a window of time and one measure of the signal in 
     max      no value above
     abs_max  no magnitude above
     mean     the time average inside [low, high]
+    spread   the greatest less the smallest value, not above: neither drifts nor swings
 
-In place of a signal it may name a figure of the whole run (`FIGURES`), which then has one value, at the end.
+It may be on the difference of two signals (`minus`). The first four may be softened by one rule in time:
 
-Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed; where it
-kept means, they are what is averaged, so that a ripple between samples falls out.
+    recovery    the signal may be outside, but for no longer than this at a stretch
+    settles     it may be outside, but not later than this after the window's start
+
+which then has the longest time outside, or the last time at which the signal was, as its value. In place of a signal
+a requirement may name a figure of the whole run (`FIGURES`), which then has one value, at the end.
+
+Where a recorder kept extremes between two values, they count, so that a peak between samples is not missed: a time
+outside is then that of all recorded intervals with a value outside, never shorter than it was and up to two intervals
+longer. Where it kept means, they are what is averaged, so that a ripple between samples falls out.
 """
 
 from __future__ import annotations
@@ -25,7 +33,12 @@ import numpy as np
 
 from shipgrid.errors import ParameterError
 
-MEASURES = ("band", "min", "max", "abs_max", "mean")
+MEASURES = ("band", "min", "max", "abs_max", "mean", "spread")
+PAIRS = ("band", "mean")
+"""Measures with two limits."""
+RULES = ("recovery", "settles")
+"""Rules in time that may soften a measure of single values."""
+SOFTENED = ("band", "min", "max", "abs_max")
 FIGURES = {"energy_balance_error": "1"}
 """Figures of the whole run that can be required something of, with their units; as in `summary.json`."""
 
@@ -80,6 +93,12 @@ class Requirement:
         Limits; infinite where the measure has only one.
     start, end : float
         Window [s], both ends included.
+    minus : str
+        A signal to be subtracted, or nothing.
+    rule : str
+        One of `RULES`, or nothing.
+    allowed : float
+        Time that the rule allows [s].
     """
 
     name: str
@@ -89,6 +108,9 @@ class Requirement:
     high: float = math.inf
     start: float = 0.0
     end: float = math.inf
+    minus: str = ""
+    rule: str = ""
+    allowed: float = 0.0
 
     @classmethod
     def from_mapping(cls, entry: Mapping[str, Any]) -> Requirement:
@@ -97,12 +119,14 @@ class Requirement:
         Parameters
         ----------
         entry : mapping
-            `name`, `signal`, one of `MEASURES` (`band` and `mean`: a pair), and perhaps `from` and `until` [s].
+            `name`, `signal`, one of `MEASURES` (those of `PAIRS`: a pair), and perhaps `minus`, one of `RULES` [s],
+            `from` and `until` [s].
 
         Raises
         ------
         ParameterError
-            If it has not exactly one measure, or its limits or window are empty.
+            If it has not exactly one measure, its limits or window are empty, or it has a rule that does not go with
+            its measure.
         """
         label = f"requirement {entry.get('name', '?')!r}"
         measures = [m for m in MEASURES if m in entry]
@@ -114,19 +138,33 @@ class Requirement:
             "min": lambda: (limit, math.inf),
             "max": lambda: (-math.inf, limit),
             "abs_max": lambda: (0.0, limit),
+            "spread": lambda: (0.0, limit),
         }.get(measure, lambda: tuple(limit))()
         start, end = entry.get("from", 0.0), entry.get("until", math.inf)
         if not low <= high:
             raise ParameterError(f"{label}: {measure} = {limit} is empty, expected the lower limit first")
         if not start < end:
             raise ParameterError(f"{label}: its window {start} s .. {end} s is empty")
-        return cls(entry["name"], entry["signal"], measure, float(low), float(high), float(start), float(end))
+        rules = [rule for rule in RULES if rule in entry]
+        if len(rules) > 1 or (rules and measure not in SOFTENED):
+            raise ParameterError(f"{label} has {measure} with {rules}, expected one rule, with one of {list(SOFTENED)}")
+        rule = rules[0] if rules else ""
+        limits_and_window = float(low), float(high), float(start), float(end)
+        minus = entry.get("minus", "")
+        return cls(
+            entry["name"], entry["signal"], measure, *limits_and_window, minus, rule, float(entry.get(rule, 0.0))
+        )
 
     @property
     def limits(self) -> list[float | None]:
         """Lower and upper limit; None where there is none."""
-        low = None if self.measure == "abs_max" else self.low
+        low = None if self.measure in ("abs_max", "spread") else self.low
         return [x if x is not None and math.isfinite(x) else None for x in (low, self.high)]
+
+    @property
+    def subject(self) -> str:
+        """What it is on, in words: the signal, or the difference of two."""
+        return f"{self.signal} - {self.minus}" if self.minus else self.signal
 
 
 @dataclass(frozen=True)
@@ -136,9 +174,9 @@ class Verdict:
     Attributes
     ----------
     name, signal, measure, unit : str
-        Of the requirement, and the unit of the signal.
+        Of the requirement, and the unit of value, limit and margin: that of the signal, or seconds with a rule in time.
     limit : list of float or None
-        Lower and upper limit.
+        Lower and upper limit; with a rule in time, of the time.
     window : list of float or None
         Start and end [s].
     value : float or None
@@ -149,6 +187,12 @@ class Verdict:
         When `value` occurred, and when the limit was first passed [s]; None for a mean.
     verdict : str
         `met`, `violated`, or `not evaluated` where the run did not reach the window or has no such signal.
+    rule : str
+        `recovery`, `settles`, or nothing.
+    inside : list of float or None, or None
+        With a rule in time: the limits of the signal itself.
+    inside_unit : str
+        Their unit.
     """
 
     name: str
@@ -162,6 +206,9 @@ class Verdict:
     at: float | None
     first_violation: float | None
     verdict: str
+    rule: str = ""
+    inside: list[float | None] | None = None
+    inside_unit: str = ""
 
     @property
     def ok(self) -> bool:
@@ -173,7 +220,7 @@ class Verdict:
         return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(self).items()}
 
 
-def judge(requirement: Requirement, series: Series | None) -> Verdict:
+def judge(requirement: Requirement, series: Series | None, counts: np.ndarray | None = None) -> Verdict:
     """Judge one requirement.
 
     Parameters
@@ -181,7 +228,9 @@ def judge(requirement: Requirement, series: Series | None) -> Verdict:
     requirement : Requirement
         What is asked, SI.
     series : Series or None
-        Its signal as recorded; None if it was not.
+        Its signal as recorded, less what it says to subtract; None if it was not.
+    counts : ndarray of bool, shape (n,), optional
+        Instants of the series that count, each with the interval before it; all if left out. Not for a mean.
 
     Returns
     -------
@@ -191,19 +240,23 @@ def judge(requirement: Requirement, series: Series | None) -> Verdict:
     """
     r = requirement
     window = [r.start, r.end if math.isfinite(r.end) else None]
+    unit = "" if series is None else series.unit
+    limits, in_time = r.limits, {}
+    if r.rule:
+        in_time = {"rule": r.rule, "inside": limits, "inside_unit": unit}
+        limits, unit = [None, r.allowed], "s" if unit else ""
 
     def verdict(word: str, value: float | None = None, margin: float | None = None, *when: float | None) -> Verdict:
         at, first = when or (None, None)
-        unit = "" if series is None else series.unit
-        return Verdict(r.name, r.signal, r.measure, unit, r.limits, window, value, margin, at, first, word)
+        return Verdict(r.name, r.subject, r.measure, unit, limits, window, value, margin, at, first, word, **in_time)
 
     if series is None:
         return verdict("not evaluated")
-    time, low, high = _window(series, r.start, r.end)
+    time, low, high, begins = _window(series, r.start, r.end, counts)
     if len(time) == 0:
         return verdict("not evaluated")
     # The last row of a complete window may lie up to one sampling interval before its end.
-    tolerance = float(time[-1] - time[-2]) if len(time) > 1 else 0.0
+    tolerance = float(series.time[-1] - series.time[-2]) if len(series.time) > 1 else 0.0
     complete = not math.isfinite(r.end) or bool(series.time[-1] >= r.end - tolerance)
 
     if r.measure == "mean":
@@ -216,17 +269,41 @@ def judge(requirement: Requirement, series: Series | None) -> Verdict:
     if r.measure == "abs_max":
         high = np.maximum(np.abs(low), np.abs(high))
         below, above = np.full(len(high), np.inf), r.high - high
+    elif r.measure == "spread":
+        spread = np.maximum.accumulate(high) - np.minimum.accumulate(low)
+        high, below, above = spread, np.full(len(high), np.inf), r.high - spread
     else:
         below, above = low - r.low, r.high - high
     margins = np.minimum(below, above)
     margins[np.isnan(margins)] = -np.inf
-    worst = int(np.argmin(margins))
-    value = float(low[worst] if below[worst] < above[worst] else high[worst])
-    at, margin = float(time[worst]), float(margins[worst])
-    if margin < 0.0:
+    if r.rule:
+        value, at, first = _time_outside(r, time, begins, margins < 0.0)
+        margin = r.allowed - value
+    else:
+        worst = int(np.argmin(margins))
+        value = float(low[worst] if below[worst] < above[worst] else high[worst])
+        at, margin = float(time[worst]), float(margins[worst])
         first = float(time[np.argmax(margins < 0.0)])
+    if margin < 0.0:
         return verdict("violated", value, margin, at, first)
     return verdict("met" if complete else "not evaluated", value, margin, at, None)
+
+
+def _time_outside(
+    r: Requirement, time: np.ndarray, begins: np.ndarray, outside: np.ndarray
+) -> tuple[float, float | None, float | None]:
+    """Time that a rule judges, when it ended, and when it had become longer than allowed [s]."""
+    if not outside.any():
+        return 0.0, None, None
+    if r.rule == "settles":
+        last = float(time[outside][-1])
+        return last - r.start, last, r.start + r.allowed
+    stretches = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(int)))
+    starts, ends = begins[stretches[::2]], time[stretches[1::2] - 1]
+    longest = int(np.argmax(ends - starts))
+    late = np.flatnonzero(ends - starts > r.allowed)
+    first = float(starts[late[0]] + r.allowed) if len(late) else None
+    return float(ends[longest] - starts[longest]), float(ends[longest]), first
 
 
 def evaluate(
@@ -254,20 +331,43 @@ def evaluate(
             return None
         return Series(np.array([end]), np.array([figures[name]]), None, None, FIGURES[name])
 
-    return [judge(r, series(r.signal)) for r in requirements]
+    return [
+        judge(r, difference(series(r.signal), series(r.minus)) if r.minus else series(r.signal)) for r in requirements
+    ]
 
 
-def _window(series: Series, start: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Instants, lows and highs inside the window; an extreme counts only if its whole interval lies inside."""
+def difference(first: Series | None, second: Series | None) -> Series | None:
+    """One signal less another, at the instants of the first; None if one of them is.
+
+    Extremes of the intervals are not known of a difference and are left out.
+
+    Parameters
+    ----------
+    first, second : Series or None
+    """
+    if first is None or second is None or len(second.time) == 0:
+        return None
+    mean = None
+    if first.mean is not None and second.mean is not None and np.array_equal(first.time, second.time):
+        mean = first.mean - second.mean
+    value = first.value - np.interp(first.time, second.time, second.value)
+    return Series(first.time, value, None, None, first.unit, mean)
+
+
+def _window(
+    series: Series, start: float, end: float, counts: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Instants, lows, highs and starts of intervals inside the window; of one partly in it the last value."""
     time = series.time
     inside = (time >= start) & (time <= end)
-    t, low, high = time[inside], series.value[inside], series.value[inside]
-    if series.low is None or series.high is None or len(t) == 0:
-        return t, low, high
-    first = int(np.argmax(inside))
-    begins = time[first - 1 : first + len(t) - 1] if first else np.concatenate([[-np.inf], time[: len(t) - 1]])
-    whole = begins >= start
-    return t, np.where(whole, series.low[inside], low), np.where(whole, series.high[inside], high)
+    begins = np.maximum(np.concatenate([time[:1], time[:-1]]), start)
+    low, high = series.value, series.value
+    if series.low is not None and series.high is not None:
+        whole = np.concatenate([[False], time[:-1] >= start])
+        low, high = np.where(whole, series.low, low), np.where(whole, series.high, high)
+    if counts is not None:
+        inside &= counts
+    return time[inside], low[inside], high[inside], begins[inside]
 
 
 def _time_average(series: Series, start: float, end: float) -> float:

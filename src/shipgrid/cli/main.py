@@ -450,6 +450,10 @@ def _say_results(results: Any) -> None:
         typer.echo(f"{outside} not evaluated (outside the run)")
     if unknown:
         typer.echo(f"{len(unknown)} not evaluated (not recorded: {', '.join(dict.fromkeys(unknown))})")
+    for verdict in results.class_limits:
+        if verdict.verdict == "violated":
+            value = f"{verdict.value:.5g} {verdict.unit}"
+            typer.echo(f"limit of class violated: {verdict.name}, {verdict.signal}, {_limits(verdict)}: {value}")
     typer.echo(
         f"{summary.get('simulated_s', 0.0):g} s in {summary.get('wall_s', 0.0):.1f} s "
         f"({summary.get('us_per_step', 0.0):.2f} us a step); "
@@ -460,12 +464,18 @@ def _say_results(results: Any) -> None:
 
 
 def _limits(verdict: Any) -> str:
-    low, high = verdict.limit
+    if not verdict.rule:
+        return f"{verdict.measure} {_range(verdict.limit, verdict.unit)}"
+    words = {"recovery": "outside for", "settles": "settled in"}[verdict.rule]
+    band = _range(verdict.inside, verdict.inside_unit)
+    return f"{verdict.measure} {band}, {words} {_range(verdict.limit, 's')}"
+
+
+def _range(limit: Any, unit: str) -> str:
+    low, high = limit
     if low is None:
-        return f"{verdict.measure} <= {high:.5g} {verdict.unit}"
-    if high is None:
-        return f"{verdict.measure} >= {low:.5g} {verdict.unit}"
-    return f"{verdict.measure} {low:.5g} .. {high:.5g} {verdict.unit}"
+        return f"<= {high:.5g} {unit}"
+    return f">= {low:.5g} {unit}" if high is None else f"{low:.5g} .. {high:.5g} {unit}"
 
 
 def _quantity(option: str, text: str | None, unit: str) -> float | None:

@@ -107,10 +107,10 @@ def unload(dt, x: SequenceState, u: SequenceInput, p: InverterSequence, x_next: 
         x_next.alone = 1.0 if absolute(u.p - x.p_before).real < absolute(p.follows * x.p_ref).real else 0.0
     if x.alone.real > 0.5 and x.elapsed.real >= p.t_judge.real:
         x_next.v_ref = 0.0 * x.v_ref
-    else:
-        x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
-        if x.elapsed.real >= p.t_judge.real:
-            x_next.v_ref = clip(x.v_ref - p.v_rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
+        return u.v_set.real <= 0.0  # whatever still flows before would be torn off
+    x_next.p_ref = clip(x.p_ref - p.rate * dt * clip(u.p / p.p_open, -1.0, 1.0), -1.0, 1.0)
+    if x.elapsed.real >= p.t_judge.real:
+        x_next.v_ref = clip(x.v_ref - p.v_rate * dt * clip(u.q / p.q_open, -1.0, 1.0), 0.0, 1.0)
     little = absolute(u.p).real < p.p_open.real and absolute(u.q).real < p.q_open.real
     return little or u.v_set.real <= 0.0
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import jinja2
 
+from shipgrid.analysis.requirements import Verdict
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import POINTS, bars_of, panels_of
 from shipgrid.io.waves import windows_of
@@ -76,7 +77,7 @@ def render(run: Results) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(si=si, seconds=seconds, clock=clock)
+    environment.filters.update(si=si, seconds=seconds, clock=clock, limits=limits)
     template = environment.from_string(package.joinpath("templates/report.html.j2").read_text(encoding="utf-8"))
     panels = panels_of(run)
     end = max((p["time"][-1] for p in panels), default=0.0)
@@ -125,6 +126,27 @@ def verdict(run: Results) -> tuple[str, str]:
     if met < len(rows):
         return "open", f"{met} of {len(rows)} requirements met, others not evaluated"
     return "good", f"all {len(rows)} requirements met"
+
+
+def limits(verdict: Verdict) -> str:
+    """What a requirement allows: `715 V … 785 V`, `≤ 1.5 s outside 675 V … 825 V`.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    """
+    allowed = _range(verdict.limit, verdict.unit)
+    words = {"recovery": "outside", "settles": "until inside"}.get(verdict.rule)
+    return f"{allowed} {words} {_range(verdict.inside, verdict.inside_unit)}" if words else allowed
+
+
+def _range(limit: list[float | None] | None, unit: str) -> str:
+    if not limit:
+        return ""
+    low, high = (None if x is None else si(x, unit or "1") for x in limit)
+    if low is None:
+        return f"≤ {high}"
+    return f"≥ {low}" if high is None else f"{low} … {high}"
 
 
 def facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from shipgrid.analysis.requirements import FIGURES, MEASURES, Requirement
+from shipgrid.analysis.requirements import FIGURES, MEASURES, PAIRS, RULES, SOFTENED, Requirement
 from shipgrid.automation.modes import MODES
 from shipgrid.equipment.declaration import Command
 from shipgrid.errors import InputErrors, ParameterError
@@ -446,7 +446,7 @@ class _ScenarioReader:
     def requirements(self, root: Section) -> tuple[Requirement, ...]:
         found: list[Requirement] = []
         places: dict[str, Place] = {}
-        keys = ("name", "signal", *MEASURES, "from", "until", "description")
+        keys = ("name", "signal", "minus", *MEASURES, *RULES, "from", "until", "description")
         for path, section in self.listing(root, "requirements", "{name: .., signal: dc_for.v_dc, max: 785 V}"):
             self.known(section, path, keys)
             name = self.text(section, "name", path, "a name")
@@ -462,24 +462,48 @@ class _ScenarioReader:
 
     def requirement(self, section: Section, path: str, name: str) -> Requirement | None:
         before = len(self.problems)
-        unit = None
-        signal = self.text(section, "signal", path, "the name of a signal")
-        if signal in FIGURES:
-            unit = FIGURES[signal]
-        elif signal is not None and not self.unjudged(signal):
-            published = self.catalogue.signals.get(signal)
-            if published is None:
-                hint = nearest(signal, self.catalogue.signals)
-                what = f"no signal '{signal}'{hint}, expected one of `shipgrid list signals`"
-                self.problems.add(section.entries["signal"].place, f"{path}.signal", what)
-            else:
-                unit = published.unit
+        signal, unit = self.signal(section, "signal", path, FIGURES)
+        minus, other = self.signal(section, "minus", path) if "minus" in section else ("", unit)
+        if unit is not None and other is not None and other != unit:
+            what = f"{minus} is in {other}, {signal} in {unit}, expected the same unit"
+            self.problems.add(section.entries["minus"].place, f"{path}.minus", what)
         measure = self.measure(section, path)
         limits = None if unit is None or measure is None else self.limits(section, path, measure, unit)
+        rule, allowed = self.rule(section, path, measure)
         start, end = self.window(section, path)
         if len(self.problems) > before or signal is None or measure is None or limits is None:
             return None
-        return Requirement(name, signal, measure, *limits, start, end)
+        return Requirement(name, signal, measure, *limits, start, end, minus or "", rule, allowed)
+
+    def signal(
+        self, section: Section, key: str, path: str, figures: Mapping[str, str] | None = None
+    ) -> tuple[str | None, str | None]:
+        """A signal, or one of the figures of a run, with its unit."""
+        name = self.text(section, key, path, "the name of a signal")
+        if name is None or self.unjudged(name):
+            return name, None
+        if figures is not None and name in figures:
+            return name, figures[name]
+        published = self.catalogue.signals.get(name)
+        if published is None:
+            hint = nearest(name, self.catalogue.signals)
+            what = f"no signal '{name}'{hint}, expected one of `shipgrid list signals`"
+            self.problems.add(section.entries[key].place, f"{path}.{key}", what)
+            return name, None
+        return name, published.unit
+
+    def rule(self, section: Section, path: str, measure: str | None) -> tuple[str, float]:
+        """The rule in time of a requirement and what it allows [s]; nothing where it has none."""
+        given = [rule for rule in RULES if rule in section]
+        if not given:
+            return "", 0.0
+        place = section.entries[given[-1]].place
+        if len(given) > 1:
+            self.problems.add(place, path, f"has {' and '.join(given)}, expected one of them")
+        elif measure is not None and measure not in SOFTENED:
+            what = f"does not go with {measure}, expected one of {', '.join(SOFTENED)}"
+            self.problems.add(place, f"{path}.{given[0]}", what)
+        return given[0], self.time(section, given[0], path) or 0.0
 
     def measure(self, section: Section, path: str) -> str | None:
         given = [measure for measure in MEASURES if measure in section]
@@ -492,7 +516,7 @@ class _ScenarioReader:
     def limits(self, section: Section, path: str, measure: str, unit: str) -> tuple[float, float] | None:
         """Lower and upper limit of a measure in SI, or None."""
         node, inside = section.entries[measure], f"{path}.{measure}"
-        if measure in ("band", "mean"):
+        if measure in PAIRS:
             if not isinstance(node, Listing) or len(node.items) != 2:
                 self.problems.add(node.place, inside, "is not a pair, expected [low, high]")
                 return None
@@ -507,7 +531,7 @@ class _ScenarioReader:
             return None
         if measure == "min":
             return value, math.inf
-        return (0.0 if measure == "abs_max" else -math.inf), value
+        return (-math.inf if measure == "max" else 0.0), value
 
     def window(self, section: Section, path: str) -> tuple[float, float]:
         start, end = self.time(section, "from", path) or 0.0, self.time(section, "until", path)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from shipgrid.analysis.requirements import MEASURES
+from shipgrid.analysis.requirements import MEASURES, PAIRS, RULES
 from shipgrid.automation.modes import MODES
 from shipgrid.equipment.declaration import EQUIPMENT
 from shipgrid.io.quantities import EXAMPLES
@@ -61,8 +61,10 @@ def scenario_schema() -> dict[str, Any]:
         "properties": {
             "name": {"type": "string"},
             "signal": {"type": "string", "examples": ["dc_for.v_dc"]},
+            "minus": {"type": "string", "description": "a signal to be subtracted"},
             "description": {"type": "string"},
-            **{measure: pair if measure in ("band", "mean") else limit for measure in MEASURES},
+            **{measure: pair if measure in PAIRS else limit for measure in MEASURES},
+            **dict.fromkeys(RULES, _TIME),
             "from": _TIME,
             "until": _TIME,
         },

@@ -91,6 +91,7 @@ class AcBusbar:
 
     signals: typing.ClassVar = (
         Published("v_pu", "1", "bus voltage over nominal"),
+        Published("v_rms_pu", "1", "bus voltage over nominal, as a meter of one cycle's rms shows it"),
         Published("f", "Hz", "bus frequency"),
     )
 

@@ -225,9 +225,17 @@ class Results:
     @cached_property
     def requirements(self) -> list[Verdict]:
         """What was asked, and what became of it."""
+        return self._verdicts("requirements")
+
+    @cached_property
+    def class_limits(self) -> list[Verdict]:
+        """Limits of class societies and standards that concern this run, and what became of them."""
+        return self._verdicts("class_limits")
+
+    def _verdicts(self, key: str) -> list[Verdict]:
         known = Verdict.__dataclass_fields__
-        rows = self.summary.get("requirements", [])
-        return [Verdict(**{field: row.get(field) for field in known}) for row in rows]
+        rows = self.summary.get(key, [])
+        return [Verdict(**{field: row.get(field, known[field].default) for field in known}) for row in rows]
 
     @property
     def ok(self) -> bool:

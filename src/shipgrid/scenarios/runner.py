@@ -20,6 +20,7 @@ import numba
 import numpy as np
 
 import shipgrid
+from shipgrid.analysis.class_limits import class_verdicts
 from shipgrid.analysis.divergence import culprit
 from shipgrid.analysis.requirements import FIGURES, evaluate
 from shipgrid.analysis.steady_state import carried_over, operating_point
@@ -288,6 +289,7 @@ def _record(
     with open_results(folder) as written:
         figures = {name: summary[name] for name in FIGURES}
         summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
+        summary["class_limits"] = [v.as_dict() for v in class_verdicts(ship, written)]
     (folder / "summary.json").write_text(json.dumps(summary, indent=1))
 
 

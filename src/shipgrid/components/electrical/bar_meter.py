@@ -2,10 +2,11 @@
 
     v_pu = |v_alpha + j v_beta| / v_b,   v_b = sqrt(2/3) v_n                   (1)
     f - f_n <- two low-passes of  (theta - theta_before - 2 pi f_n dt) / (2 pi dt)   (2)
+    v_rms_pu <- a low-pass of  v_pu, of the noise bandwidth of one cycle's mean      (3)
 
 It runs every step: the staircase of a sampled modulation is then filtered instead of folded down. Two low-passes,
 because the first only takes the derivative out of the angle's ripple. A bar below `v_dead` has no frequency: it reads
-0 Hz.
+0 Hz. (3) is what a meter of one cycle's rms shows of a balanced bar, and what limits of bar voltages are on.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class State:
     slip: Hertz = signal("frequency above nominal, through one low-pass")
     slip_f: Hertz = signal("frequency above nominal, through both")
     live: Ratio = signal("1: the bar was live at the last instant")
+    v_f: PerUnit = signal("length of the voltage vector, through a low-pass")
 
 
 class Input:
@@ -40,6 +42,7 @@ class Output:
 
     v_pu: PerUnit = signal("length of the voltage vector")
     f: Hertz = signal("frequency, 0 on a dead bar")
+    v_rms_pu: PerUnit = signal("voltage as a meter of one cycle's rms shows it")
 
 
 class Derived:
@@ -56,6 +59,8 @@ def derive(p: BarMeter) -> dict[str, float]:
 @kernel
 def update(t, dt, x: State, u: Input, p: BarMeter, x_next: State, y: Output):
     y.v_pu = hypot(u.v_alpha, u.v_beta) / p.v_b  # (1)
+    x_next.v_f = x.v_f + (1.0 - np.exp(-2.0 * p.f_n * dt)) * (y.v_pu - x.v_f)  # (3)
+    y.v_rms_pu = x_next.v_f
     if y.v_pu.real < p.v_dead.real:
         x_next.slip = 0.0
         x_next.slip_f = 0.0
