@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -76,7 +77,7 @@ def plot(
                     s.time[rows], s.low[rows], s.high[rows], step="pre", alpha=0.25, color=line.get_color(), lw=0
                 )
         label = run.description(curves[0][0]) if len(curves) == 1 else ""
-        ax.set_ylabel(f"{label} [{unit}]" if label and len(label) < 30 else f"[{unit}]")
+        ax.set_ylabel("\n".join(textwrap.wrap(f"{label} [{unit}]".lstrip(), 28)))
         ax.grid(alpha=0.3)
         ax.legend(loc="best", fontsize="small")
     shown = [s for curves in panels.values() for _, s in curves]
