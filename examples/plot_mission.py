@@ -47,8 +47,8 @@ def draw(run: sg.Results, path: Path) -> None:
             axis.plot(series["time"] / 60.0, series * factor, lw=1.1, ls=("-", "--")[k], label=side)
         axis.set_ylabel(label, fontsize=8)
         axis.grid(alpha=0.3)
-        if len(signals) > 1:
-            axis.legend(loc="upper right", fontsize=7, ncols=2)
+        if "genset" in label:
+            axis.legend(loc="upper center", fontsize=8, ncols=2)  # the same for all panels
     axes[-1].set_xlabel("time, min")
     axes[0].set_title("Intra - Laveno and back: 6 kn on batteries, 10 kn on one genset with recharge", fontsize=9)
     figure.savefig(path, dpi=130)
