@@ -114,7 +114,7 @@ class ShipSpeed:
         "time constant of the lag",
         default=10.0,
         above=0.0,
-        source="without it 2.7 % overshoot: docs/theory/propulsion.md",
+        source="without it the published control overshoots by 2.7 %: docs/theory/propulsion.md",
     )
     T_share: Second = param(
         "time constant of sharing between drives", default=20.0, above=0.0, source="chosen: slower than K_p / K_i"
