@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import shipgrid as sg
@@ -29,3 +30,19 @@ def test_a_bundled_scenario_meets_every_requirement(name, tmp_path):
     assert all(v.ok for v in run.requirements), [v for v in run.requirements if not v.ok]
     assert not [e for e in run.events if "refused" in e.text]
     assert (run.folder / "report.html").stat().st_size < 3e6
+
+
+@pytest.mark.full
+def test_a_hard_crash_stop_brakes_into_the_batteries_and_takes_no_more_than_the_sources_have(tmp_path):
+    ship = sg.load_ship("ferry")
+    for side in ("for", "aft"):
+        ship = ship.replace(f"equipment.propulsion_{side}.cruise.rate", "0.15 m/s^2")
+    run = sg.simulate(ship, sg.load_scenario("crash-stop"), until=400.0, out=tmp_path / "stop", report=False)
+    assert run.ok, [v for v in run.requirements if v.verdict == "violated"]
+    braking = run["propulsion_for.p_dc_min"].sel(time=slice(300.0, 320.0))
+    charging = run["bess_for.i_b_min"].sel(time=slice(300.0, 320.0))
+    assert float(braking.min()) < -20e3 and float(charging.min()) < -20.0
+    assert float(run["genset_for.p_ac_min"].sel(time=slice(15.0, None)).min()) > 0.0  # the genset is not driven
+    u = run["hull.u_ship"].sel(time=slice(300.0, None))
+    stopped = float(u["time"][int(np.argmax(u.values < 0.1))])
+    assert stopped - 300.0 < 60.0
