@@ -23,6 +23,38 @@ def test_the_first_seconds_of_a_bundled_scenario_break_no_requirement(name, tmp_
     assert judged, "nothing is asked of its first seconds"
 
 
+NOMINAL = {
+    "dc_for.v_dc": 750.0,
+    "dc_aft.v_dc": 750.0,
+    "bess_for.i_b": 128.0,
+    "bess_aft.i_b": 128.0,
+    "genset_for.p_pu": 1.0,
+    "genset_aft.omega_pu": 1.0,
+    "propulsion_for.p_dc": 270e3,
+    "ac_for.v_rms_pu": 1.0,
+    "ac_aft.f": 60.0,
+    "inverter_for.p_ac": 50e3,
+    "hull.u_ship": 5.144,
+}
+SETTLED = {
+    "dc-regulation": ((10.0, 20.0), (235.0, 250.0), (285.0, 300.0), (335.0, 350.0), (470.0, 500.0), (580.0, 600.0)),
+    "ac-regulation": ((120.0, 155.0), (167.0, 184.0), (340.0, 385.0), (400.0, 450.0)),
+}
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", SETTLED)
+def test_switching_meets_the_bands_too_and_agrees_in_every_settled_value(name, tmp_path):
+    """Within 0.5 % of nominal; the inverter's voltage at switching fidelity is 0.44 % lower (KNOWN_LIMITS)."""
+    ship, scenario = sg.load_ship("ferry"), sg.load_scenario(name)
+    mean, switched = (sg.simulate(ship, scenario, fidelity=f, out=tmp_path / f) for f in ("averaged", "switching"))
+    assert switched.ok, [v for v in switched.requirements if v.verdict == "violated"]
+    for start, end in SETTLED[name]:
+        for signal, nominal in NOMINAL.items():
+            a, b = (float(run[f"{signal}_mean"].sel(time=slice(start, end)).mean()) for run in (mean, switched))
+            assert b == pytest.approx(a, abs=5e-3 * nominal), (signal, start)
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("name", [name for name in SCENARIOS if name != "mission"])
 def test_a_bundled_scenario_meets_every_requirement(name, tmp_path):
