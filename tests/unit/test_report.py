@@ -16,7 +16,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 import synthetic_run
 
-from shipgrid.analysis.requirements import Verdict
+from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
@@ -98,6 +98,31 @@ def test_every_panel_shows_the_extremes_of_the_record(run):
             room = 1e-4 * np.max(np.abs(signal["values"])) + 2e-3 * np.ptp(signal["values"])
             assert max(high) == pytest.approx(series.high.max() * scale, abs=room)
             assert min(low) == pytest.approx(series.low.min() * scale, abs=room)
+
+
+class Record:
+    requirements = ()
+
+    def __init__(self, **values):
+        self.values = {name.replace("__", "."): np.asarray(value, float) for name, value in values.items()}
+        self.signals = list(self.values)
+
+    def series(self, name):
+        value = self.values[name]
+        before = np.concatenate([value[:1], value[:-1]])
+        return Series(np.arange(len(value)) * 0.1, value, np.minimum(before, value), np.maximum(before, value), "1")
+
+
+def test_a_dead_bar_has_no_frequency_in_the_plot():
+    (panel,) = panels_of(Record(ac_for__f=[0.0, 0.0, 59.8, 59.7, 0.0], ac_aft__f=[60.0] * 5))  # type: ignore[arg-type]
+    fore = panel["signals"][0]
+    assert fore["values"] == [None, None, None, 59.7, None]  # it came to life within the third interval
+    assert fore["low"] == [None, None, None, 59.7, None]
+
+
+def test_a_panel_of_things_at_rest_is_left_out():
+    idle = Record(genset_for__p_ac=[0.0, 0.0], genset_aft__p_ac=[0.0, 0.0], hull__u_ship=[0.0, 1.0])
+    assert [panel["title"] for panel in panels_of(idle)] == ["Ship speed"]  # type: ignore[arg-type]
 
 
 def test_a_dip_of_one_recorded_interval_reaches_the_plot(run):

@@ -37,6 +37,8 @@ class Panel:
     factor: float = 1.0
     least: float = 0.0
     """Least height of the axis: what would fill it is not worth more."""
+    none: float | None = None
+    """A value that means there is none: the frequency of a dead bar."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ PANELS = (
     Panel("Propulsion power", "kW", "propulsion", "p_dc", 1e-3),
     Panel("Propeller thrust", "kN", "propeller", "thrust", 1e-3),
     Panel("Voltage of the AC bars", "pu", "ac", "v_pu", least=0.1),
-    Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0),
+    Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0, none=0.0),
 )
 STATES = (
     ("dc_tie", "closed", {1: "closed"}),
@@ -91,7 +93,7 @@ def panels_of(run: Results) -> list[dict[str, Any]]:
     Parameters
     ----------
     run : Results
-        What was recorded; a panel with nothing recorded is left out.
+        What was recorded; a panel with nothing recorded, or nothing but zeros, is left out.
 
     Returns
     -------
@@ -119,6 +121,10 @@ def signals_of(run: Results, kind: str, symbol: str) -> list[str]:
 
 def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
     series = [s for name in names if (s := run.series(name)) is not None and len(s.time)]
+    if panel.none is not None:
+        series = [_without(s, panel.none) for s in series]
+    if not any(np.any(np.abs(s.value) > 0.0) for s in series):
+        series, names = [], []
     kept = [_reduced(s, max(POINTS // len(series), 100)) for s in series]
     time = np.unique(np.concatenate([s.time[k] for s, k in zip(series, kept, strict=True)])) if series else np.empty(0)
     curves = [_at(s, time) for s in series]
@@ -139,6 +145,16 @@ def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
         "signals": signals,
         "limits": _limits(run, names, panel.factor),
     }
+
+
+def _without(series: Series, none: float) -> Series:
+    """The same signal with no value where it is `none`, or was so in the interval before."""
+    gone = series.value == none
+    if series.low is None or series.high is None:
+        return series._replace(value=np.where(gone, np.nan, series.value))
+    gone |= series.low == none
+    value, low, high = (np.where(gone, np.nan, x) for x in (series.value, series.low, series.high))
+    return series._replace(value=value, low=low, high=high)
 
 
 def _reduced(series: Series, points: int) -> np.ndarray:
@@ -162,8 +178,8 @@ def _at(series: Series, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     low, high = (np.full(len(time), np.nan) for _ in range(2))
     lows = series.value if series.low is None else series.low
     highs = series.value if series.high is None else series.high
-    low[there] = np.minimum.reduceat(lows[: mine[-1] + 1], starts)
-    high[there] = np.maximum.reduceat(highs[: mine[-1] + 1], starts)
+    low[there] = np.fmin.reduceat(lows[: mine[-1] + 1], starts)
+    high[there] = np.fmax.reduceat(highs[: mine[-1] + 1], starts)
     return value, low, high
 
 

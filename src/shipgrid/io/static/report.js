@@ -80,13 +80,13 @@
     const lineWidth = (k) => (panel.signals.length === 1 ? 1.6 : k === 0 ? 2.6 : 1.3);   // a curve under another stays visible
     panel.signals.forEach((s, k) => {
       if (!s.high) return;
-      const hidden = { class: "envelope", stroke: "transparent", width: 0, points: { show: false }, spanGaps: true, pxAlign: 0 };
+      const hidden = { class: "envelope", stroke: "transparent", width: 0, points: { show: false }, spanGaps: false, pxAlign: 0 };
       series.push({ ...hidden, label: s.name + " high" }, { ...hidden, label: s.name + " low" });
       columns.push(s.high, s.low);
       bands.push({ series: [columns.length - 2, columns.length - 1], fill: () => colour(k) + "40" });
     });
     panel.signals.forEach((s, k) => {
-      series.push({ label: s.name, stroke: () => colour(k), width: lineWidth(k), points: { show: false }, spanGaps: true, value: (u, v) => number(v) });
+      series.push({ label: s.name, stroke: () => colour(k), width: lineWidth(k), points: { show: false }, spanGaps: false, value: (u, v) => number(v) });
       columns.push(s.values);
     });
     const axis = { stroke: () => css("--quiet"), grid: { stroke: () => css("--grid"), width: 1 }, ticks: { show: false }, font: "11.5px system-ui, sans-serif" };
