@@ -207,7 +207,7 @@ def test_gates_stay_blocked_until_the_pll_has_been_locked():
 
 def test_load_is_taken_along_a_ramp_from_the_measured_voltage():
     sequence = Sequence(ready=1.0, v_dc=735.0)
-    sequence.run(0.22)
+    sequence.run(0.33)
     assert sequence.x.state == rectifier.CONNECTED
     assert sequence.y.v_dc_ref == pytest.approx(735.0, abs=1.0)  # one tick of 50 V/s
     sequence.run(0.2)
@@ -215,6 +215,14 @@ def test_load_is_taken_along_a_ramp_from_the_measured_voltage():
     assert sequence.y.limit == pytest.approx(0.02, abs=3e-3)  # two ticks of 0.1 pu/s
     sequence.run(15.0)
     assert (sequence.y.v_dc_ref, sequence.y.limit) == (750.0, 1.2)
+
+
+def test_on_a_live_bus_the_filter_is_charged_through_the_resistor():
+    sequence = Sequence(ready=1.0, v_q=0.3)
+    assert sequence.run(0.09) == rectifier.PRECHARGING
+    assert (sequence.y.contacts, sequence.y.connected, sequence.y.enable) == (rectifier.RESISTOR, 1.0, 0.0)
+    assert sequence.run(0.04) == rectifier.SYNCHRONISING
+    assert sequence.y.contacts == rectifier.CLOSED
 
 
 def test_a_dead_bus_is_charged_through_the_resistor_first():
@@ -251,6 +259,7 @@ def test_it_waits_with_its_load_until_the_others_can_take_it():
     assert sequence.y.limit < 0.14  # acts at once, whatever the bound was
     assert sequence.run(2.0) == rectifier.OFF  # 1.4 s of ramp, 0.1 s blocked
     assert sequence.visited == [
+        rectifier.PRECHARGING,
         rectifier.SYNCHRONISING,
         rectifier.CONNECTED,
         rectifier.WAITING,

@@ -1,11 +1,11 @@
 """Active rectifier of a diesel genset: LCL filter, two-level bridge, control, and how it takes and sheds load.
 
-    off -> (pre-charging ->) synchronising -> connected -> (waiting ->) unloading -> blocked -> off
+    off -> pre-charging -> synchronising -> connected -> (waiting ->) unloading -> blocked -> off
 
-Off, the contactor on the generator's side is open. When the genset is ready and the DC bus is below nine tenths of
-what the diodes give, it closes through its resistor, gates blocked, and the diodes charge the bus. A bus that does not
-come up is loaded or short-circuited: it opens, and is refused until the genset is called again. On a charged bus it
-closes directly and energises the filter; the PLL locks; the gates switch without making current; then the bound on
+Off, the contactor on the generator's side is open. When the genset is ready it closes through its resistor, gates
+blocked: the filter charges, and the diodes charge the DC bus where it is below nine tenths of what they give. A bus
+that does not come up is loaded or short-circuited: it opens, and is refused until the genset is called again. On a
+charged bus the resistor is bridged; the PLL locks; the gates switch without making current; then the bound on
 both current references opens along a ramp, and the voltage reference goes from the measured bus voltage to its
 command. Told to unload, it waits until its DC power is one that the other sources can take over, and closes the bound
 along the same ramp. If the bus falls below `v_release` meanwhile, nobody takes over: it carries on and tries again
@@ -44,7 +44,7 @@ STATES = {
     WAITING: "waiting: the other sources cannot take over its load yet",
     UNLOADING: "unloading",
     BLOCKED: "blocked",
-    PRECHARGING: "pre-charging the DC bus",
+    PRECHARGING: "pre-charging",
 }
 NOT_CHARGED = 1
 REFUSALS = {NOT_CHARGED: "the DC bus does not charge: it is loaded or short-circuited"}
@@ -98,7 +98,7 @@ def update(t, dt, x: State, u: Input, p: RectifierSequence, x_next: State, y: Ou
         state = OFF
     elif was == OFF:
         if not stop and refused == 0:
-            state = SYNCHRONISING if charged else PRECHARGING
+            state = PRECHARGING
     elif was == PRECHARGING:
         timer = x.timer.real + dt
         if stop:
