@@ -485,6 +485,7 @@ def circuit(seed: int) -> Network:
     return net
 
 
+@pytest.mark.full  # half a minute to compile
 @pytest.mark.parametrize("seed", [0, 1])
 def test_every_kind_that_no_ship_has_comes_to_rest_and_stays_there(seed):
     plan = assemble(circuit(seed), 30e-6)
