@@ -19,14 +19,20 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import TypingError
 
+from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.weave import NORTON, arguments, woven_entry
+from shipgrid.components.converters.two_level_bridge import TwoLevelBridge
+from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.equipment.declaration import EQUIPMENT, is_quantity
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model import kernel as compiled_kernel
 from shipgrid.model.component import Empty, fields_of, load_all, parameters_of, type_of, unit_of
+from shipgrid.model.network import Across, Network
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
+from shipgrid.modulators.averaged import DirectBridge
 from shipgrid.scenarios.runner import build
 
 KINDS = {name: kind for name, kind in load_all().items() if kind.cls.__module__.startswith("shipgrid.")}
@@ -446,6 +452,63 @@ def test_a_ferry_built_within_20_percent_of_the_bundled_one_comes_to_rest_and_st
     steps = round(2.0 / plan.h)
     assert woven_entry(plan)(steps, 0, *arguments(plan, work)) == steps
     assert work.sig[places] == pytest.approx(before, rel=5e-4)
+
+
+def circuit(seed: int) -> Network:
+    """One plant with every kind that no ship has, each drawn: sources, a tapped DC bus, a transformer, an inverter."""
+
+    def of(name):
+        return drawn(name, 4)[1 + seed]
+
+    net = Network("circuit")
+    dc, near, far, low = (net.dc_bus(name, 750.0) for name in ("dc", "near", "far", "low"))
+    ac, tied, load = (net.ac_bus(name, 400.0, 60.0) for name in ("ac", "tied", "load"))
+    net.capacitance(dc, 5e-3)  # the bridge's current stands for a step, while its modulation turns
+    net.add("battery", of("DcSource"), a=dc)
+    net.add("feeder", of("InductiveDcSource"), a=far)
+    net.add("drawn", dataclasses.replace(of("CurrentSource"), i_0=-20.0), a=near)
+    net.add("breaker", of("Breaker"), a=dc, b=near)
+    net.add("choke", of("Choke"), ports={"a": near, "b": low})
+    net.add("resistor", dataclasses.replace(of("Resistor"), R=30.0), a=low)
+    net.add("capacitor", of("Capacitor"), a=near, b=low)
+    net.add("filter", of("RlcBranch"), a=far)
+    net.add("coupled", of("CoupledInductors"), ports={"first": Across(dc, far), "second": Across(near, low)})
+    net.add("grid", of("ThreePhaseSource"), a=ac)
+    net.add("switch", of("ThreePoleBreaker"), a=ac, b=tied)
+    net.add("transformer", of("Transformer"), primary=tied, secondary=load)
+    net.add("consumer", of("Load"), a=load)
+    net.add("sine", of("SineModulation"), inputs={"m": 0.8})
+    modulation = {s: f"sine.{s}" for s in ("s_alpha", "s_beta")} | {"gates": 1.0}
+    net.add("modulator", DirectBridge(), inputs=modulation)
+    bridge = net.bridge("bridge", TwoLevelBridge(), dc, modulator="modulator")
+    net.add_three_phase("wound", RlBranch(R=2.0, L=5e-3), ports={"branch": bridge})
+    return net
+
+
+@pytest.mark.full  # half a minute to compile
+@pytest.mark.parametrize("seed", [0, 1])
+def test_every_kind_that_no_ship_has_comes_to_rest_and_stays_there(seed):
+    plan = assemble(circuit(seed), 30e-6)
+    point = steady_state(plan)
+    work = point.workspace()
+    entry, values, steps = woven_entry(plan), arguments(plan, work), round(0.05 / plan.h)
+    before = work.sig.copy()
+    assert entry(steps, 0, *values) == steps
+    for bus in plan.network.buses.values():
+        places = [plan.layout.index[node] for node in bus.nodes]
+        assert np.linalg.norm(work.sig[places]) == pytest.approx(np.linalg.norm(before[places]), rel=1e-4), bus.name
+    for path in ("choke.i", "breaker.i", "filter.v_c", "coupled.i_1", "coupled.i_2"):
+        if path in plan.layout.index:
+            place = plan.layout.index[path]
+            assert work.sig[place] == pytest.approx(before[place], rel=1e-4, abs=1e-3), path
+
+
+def test_every_registered_kind_is_in_a_plant_that_comes_to_rest():
+    ships = [Network("ferry", fidelity) for fidelity in ("averaged", "switching")]
+    for net in ships:
+        load_ship("ferry").build(net)
+    plants = [*ships, circuit(0)]
+    assert {type_of(placed.item).name for net in plants for placed in net.placed.values()} == set(NAMES)
 
 
 def test_a_kernel_that_would_allocate_does_not_compile():

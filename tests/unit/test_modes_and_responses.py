@@ -202,15 +202,27 @@ def three_phase(**source):
     return sg.assemble(net, 30e-6)
 
 
-def test_a_balanced_circuit_has_its_operating_point_from_a_run_as_from_given_values():
-    plan = three_phase()
-    given = sg.steady_state(plan, start={"bus.v_alpha": 326.0, "source.i_alpha": -10.0})
-    run = sg.steady_state(plan)
+@pytest.mark.parametrize(
+    "start", [{"bus.v_alpha": 326.0, "source.i_alpha": -10.0}, pytest.param(None, marks=pytest.mark.full)]
+)
+def test_a_balanced_circuit_has_its_operating_point_from_given_values_and_from_a_run(start):
+    point = sg.steady_state(three_phase(), start=start)
     impedance = 400.0**2 / 10e3 * 0.9 * complex(0.9, math.sin(math.acos(0.9)))
     divided = abs(impedance / (impedance + 0.1 + 1j * 120.0 * math.pi * 1e-3))
-    for point in (given, run):
-        assert math.hypot(point["bus.v_alpha"], point["bus.v_beta"]) == pytest.approx(326.6 * divided, rel=1e-4)
-        assert point.frequency["bus"] == pytest.approx(60.0)
+    assert math.hypot(point["bus.v_alpha"], point["bus.v_beta"]) == pytest.approx(326.6 * divided, rel=1e-4)
+    assert point.frequency["bus"] == pytest.approx(60.0)
+
+
+def test_a_modulation_turns_what_hangs_on_its_bridge_by_itself():
+    net = sg.Network("inverter on a load")
+    dc = net.dc_bus("dc", 750.0)
+    net.add("source", sg.DcSource(v_0=750.0, R=1e-6), a=dc)
+    net.add("modulation", sg.SineModulation(), inputs={"m": 0.8})
+    bridge = sg.Pole3(dc, s_alpha="modulation.s_alpha", s_beta="modulation.s_beta")
+    net.add_three_phase("load", RlBranch(R=2.0, L=5e-3), ports={"branch": bridge})
+    point = sg.steady_state(sg.assemble(net, 30e-6), start={})
+    current = math.hypot(point["load.alpha.i"], point["load.beta.i"])
+    assert current == pytest.approx(0.4 * 750.0 / abs(2.0 + 120j * math.pi * 5e-3), rel=1e-6)
 
 
 @pytest.mark.parametrize("source", [{"r_2": 0.02}, {"r_5": 0.03}, {"r_13": 0.001}])

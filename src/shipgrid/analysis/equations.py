@@ -632,6 +632,9 @@ class Point:
         idle = np.where(
             sampled, (kept == 1.0) | (kept == 0.0), ~self.rates | ((by_itself == 0.0) & (self.residual == 0.0))
         )
+        for island in e.islands:
+            if len(island.angles) == 1:  # what turns an island by itself, a modulation's reference say, is no timer
+                idle[island.angles] &= self.residual[island.angles] == 0.0
         self.renewed = np.zeros(e.size, dtype=bool)  # constants that have to be brought up to date
         self.drifting = np.zeros(e.size, dtype=bool)  # ramps and timers: they move evenly, whatever else does
         while True:

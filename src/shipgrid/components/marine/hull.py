@@ -59,6 +59,8 @@ class Derived:
 def resistance(u_ship, p, tables):
     """Resistance in still water [N]: (2)."""
     speed = absolute(u_ship)
+    if speed.real == 0.0:  # and no slope either, not even that of rounding
+        return 0.0 * speed
     place = clip(speed / p.u_step, 0.0, float(POINTS))
     k = min(int(place.real), POINTS - 1) if place.real > 0.0 else 0  # 0 as well where the place is no number
     w_0, w_1, w_2, w_3 = catmull_rom(place - k)
