@@ -30,6 +30,7 @@ from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
 from shipgrid.controllers.exciter_ac1a import Ac1a
 from shipgrid.controllers.governor_degov1 import Degov1
+from shipgrid.equipment.genset import Genset
 from shipgrid.model.records import make_record, names_of, parameter_record
 
 STATE = names_of(machine.State)
@@ -292,6 +293,14 @@ def test_it_starts_from_standstill_and_is_ready_within_ten_seconds(voyage):
     assert start.t[np.flatnonzero(start.ready)[0]] < 10.0
     assert start.omega.max() < 1.02 and start.v_t.max() < 1.06  # soft: neither overshoots
     assert start.omega[-1] == pytest.approx(1.0 - 0.05 * start.throttle[-1], abs=1e-4)
+
+
+@pytest.mark.parametrize("H", [0.085, 0.34])
+def test_half_and_twice_the_inertia_start_too(H):
+    """Unloaded, an engine that has run above its reference comes down: by its friction, the rack shut."""
+    start = Rig(Genset(inertia_H=H, machine=SynchronousGenerator(H=H))).run(14.0, on=1.0)
+    assert start.omega.max() > 1.01
+    assert start.ready[-1] > 0.5
 
 
 def test_unloaded_it_feeds_its_local_load(voyage):

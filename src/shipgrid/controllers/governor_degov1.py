@@ -3,11 +3,14 @@
     e = omega_ref - omega - droop fb,   fb = throttle (M = 0) or p_e / (1 + T_E s) (M = 1)      (1)
     y_1 = (1 + T_3 s) / (1 + T_1 s + T_1 T_2 s^2) e             electric control box            (2)
     y_2 = (1 + T_4 s) / ((1 + T_5 s)(1 + T_6 s)) y_1            actuator                        (3)
-    throttle = K y_2 / s,   0 .. T_max, without wind-up                                         (4)
+    throttle = K y_2 / s,   T_min .. T_max, without wind-up                                     (4)
 
 The droop signal is taken before the engine's dead time, which the engine has. In steady state
 omega = omega_ref - droop throttle. With the fuel cut the error is taken as zero and the rack closes, so that nothing
 winds up and the next start begins at rest.
+
+The throttle is brake torque, so its lower stop, where no fuel is injected, is not zero but the engine's friction, and
+negative: an unloaded engine above its speed comes down. With zero there it would stay above it for good.
 
 The shortest time constant is 9 ms (T_5): a clock of 0.5 ms steps it with an error of 1e-3 of it.
 
@@ -62,7 +65,7 @@ def outputs(t, x: State, u: Input, p: Degov1, y: Output):
 
 @kernel
 def limit(x: State, u: Input, p: Degov1):
-    x.throttle = clip(x.throttle, 0.0, p.T_max) if u.fuel.real > 0.5 else 0.0 * x.throttle
+    x.throttle = clip(x.throttle, p.T_min, p.T_max) if u.fuel.real > 0.5 else 0.0 * x.throttle
 
 
 @component(state=State, input=Input, output=Output, derivatives=derivatives, outputs=outputs, limit=limit)
@@ -81,4 +84,7 @@ class Degov1:
     T_5: Second = param("actuator, first lag", default=0.009, at_least=2e-3, source="default of the block")
     T_6: Second = param("actuator, second lag", default=0.0384, at_least=2e-3, source="default of the block")
     T_max: PerUnit = param("upper stop of the rack", default=1.1, above=0.0, source="default of the block")
+    T_min: PerUnit = param(
+        "lower stop of the rack", default=-0.05, at_most=0.0, source="friction of the engine without fuel; block: 0"
+    )
     T_E: Second = param("filter of the electrical power", default=0.05, at_least=2e-3, source="typical")
