@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from shipgrid.analysis.edges import SwitchingFunction, alpha_beta, between_steps, of_bridge, of_carrier, of_means
+from shipgrid.analysis.edges import (
+    SwitchingFunction,
+    alpha_beta,
+    between_steps,
+    combination,
+    corners,
+    of_bridge,
+    of_carrier,
+    of_means,
+    of_steps,
+    pulses,
+)
 from shipgrid.errors import ParameterError
 from shipgrid.model.kernel import uncompiled
 from shipgrid.modulators.time_stamped import pulse
@@ -46,6 +57,63 @@ def test_one_edge_in_a_step_lies_where_the_mean_puts_it_and_two_around_the_middl
     assert s.integral(t) == pytest.approx([0.0, 0.25, 0.85, 0.85])
     with pytest.raises(ParameterError):
         of_means(t, [0.25], [1.0, 0.0])
+
+
+def bridge_of_a_carrier(h=30e-6, n=1300):
+    """Legs of a 1620 Hz bridge that follows 60 Hz, and their means over steps."""
+    instants = np.arange(int(n * h * 3240.0) + 1) / 3240.0
+    angle = 2.0 * np.pi * 60.0 * instants
+    t = h * np.arange(n + 1)
+    legs = of_bridge(instants, 0.45 * np.cos(angle), 0.45 * np.sin(angle), 1620.0, t[-1])
+    return t, legs, np.array([np.diff(leg.integral(t)) / h for leg in legs])
+
+
+def test_edges_are_found_from_the_means_of_steps_alone():
+    t, legs, means = bridge_of_a_carrier()
+    for leg, mean in zip(legs, means, strict=True):
+        found = of_steps(t, mean)
+        assert np.diff(found.integral(t)) / 30e-6 == pytest.approx(mean, abs=1e-9)
+        edges = leg.edges[leg.edges < t[-1]]
+        assert len(found.edges) == len(edges) > 120
+        alone = np.bincount(np.searchsorted(t, edges), minlength=len(t))[np.searchsorted(t, edges)] == 1
+        assert np.mean(alone) > 0.9
+        assert found.edges[alone] == pytest.approx(edges[alone], abs=1e-12)
+        assert found.edges == pytest.approx(edges, abs=15e-6)  # two in one step: around its middle
+
+
+def test_what_has_no_known_edge_keeps_its_means():
+    t = np.arange(5.0)
+    for means in ([0.4, 0.4, 0.5, 0.5], [0.5] * 4):
+        found = of_steps(t, means)
+        assert list(found(t[:-1])) == means
+    found = of_steps(t, [0.0, 0.3, 0.4, 0.4], still=[False, False, True, True])  # rises, and then rests
+    assert list(found.time) == pytest.approx([0.0, 1.7, 2.0])
+    assert list(found.value) == [0.0, 1.0, 0.4]
+
+
+def test_currents_and_voltages_of_a_bridge_are_drawn_with_their_edges():
+    """A choke of 1 mH between 750 V and a sine: its corners, and the very pulses of the voltage."""
+    t, legs, means = bridge_of_a_carrier()
+    weights = (2.0 / 3.0, -1.0 / 3.0, -1.0 / 3.0)
+    phase = combination(weights, legs)
+    omega = 2.0 * np.pi * 60.0
+
+    def current(at):
+        return (750.0 * phase.integral(at) - 0.45 * 750.0 * np.sin(omega * np.asarray(at)) / omega) / 1e-3
+
+    s = np.column_stack([np.full(3, np.nan), means])
+    found_t, found_i = corners(t, current(t), s, weights)
+    assert len(found_t) > len(t) + 300
+    sharp = current(found_t)
+    assert np.abs(found_i - sharp).max() < 0.25  # the sine's own bend in a step, and two edges in one
+    assert np.abs(np.interp(found_t, t, current(t)) - sharp).max() > 1.0  # what the ends of steps miss
+    line = combination((1.0, -1.0, 0.0), legs)
+    mean = np.concatenate([[0.0], 750.0 * (means[0] - means[1])])
+    at, v = pulses(t, mean, s, (1.0, -1.0, 0.0))
+    middle = 0.5 * (at[::2] + at[1::2])
+    right = np.abs(v[::2] - 750.0 * line(middle)) < 1e-6
+    assert np.sum((at[1::2] - at[::2])[~right]) < 0.01 * t[-1]  # but for steps with two edges of one leg
+    assert np.all(at[1::2] > at[::2]) and np.array_equal(v[::2], v[1::2])
 
 
 def test_legs_of_a_bridge_become_the_corners_of_a_hexagon():

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from shipgrid.analysis.harmonics import corners, fundamental, ripple, spectrum
+from shipgrid.analysis.edges import corners
+from shipgrid.analysis.harmonics import fundamental, ripple, spectrum
 
 H = 30e-6
 

@@ -55,8 +55,11 @@ def errors(motor, i_d_ref, i_q_ref):
 
 
 @kernel
-def comparators(n, ticks, h, band, i_d_ref, i_q_ref, motor, u, p, dx, mid, s, mean, current):
-    """The drive itself: comparators that look `ticks` times a step. Mean s, currents and crossings of each step."""
+def comparators(n, ticks, h, band, dead, i_d_ref, i_q_ref, motor, u, p, dx, mid, s, wait, at, mean, current):
+    """The drive itself: comparators that look `ticks` times a step. Mean s, currents and crossings of each step.
+
+    For `dead` ticks after a crossing both switches of a leg are open, and the diode that its current asks for conducts.
+    """
     crossings = 0
     for k in range(n):
         mean[k, 0] = mean[k, 1] = mean[k, 2] = 0.0
@@ -64,10 +67,20 @@ def comparators(n, ticks, h, band, i_d_ref, i_q_ref, motor, u, p, dx, mid, s, me
             e = errors(motor[0], i_d_ref, i_q_ref)
             for j in range(3):
                 now = 0.0 if e[j] >= band else (1.0 if e[j] <= -band else s[j])
-                crossings += now != s[j]
+                if now != s[j]:
+                    crossings += 1
+                    wait[j] = dead
                 s[j] = now
-                mean[k, j] += now / ticks
-            march(h / ticks, motor[0], u[0], p[0], dx[0], mid[0], s[0], s[1], s[2], 750.0)
+                at[j] = now
+            if dead > 0:
+                i = errors(motor[0], 0.0, 0.0)
+                for j in range(3):
+                    if wait[j] > 0:
+                        wait[j] -= 1
+                        at[j] = 0.0 if i[j] > 0.0 else 1.0
+            for j in range(3):
+                mean[k, j] += at[j] / ticks
+            march(h / ticks, motor[0], u[0], p[0], dx[0], mid[0], at[0], at[1], at[2], 750.0)
         current[k, 0], current[k, 1], current[k, 2] = errors(motor[0], i_d_ref, i_q_ref)
     return crossings
 
@@ -79,16 +92,31 @@ def modulated(n, parts, h, i_d_ref, i_q_ref, motor, u, p, dx, mid, x, v, b, y, m
         v[0].i_d, v[0].i_q, v[0].theta_e, v[0].omega_m = motor[0].i_d, motor[0].i_q, motor[0].theta_e, u[0].omega_m
         v[0].v_dc, v[0].i_d_ref, v[0].i_q_ref = 750.0, i_d_ref, i_q_ref
         hysteresis_modulate(h, 1.0, x[0], v[0], b[0], y[0])
-        mean[k, 0], mean[k, 1], mean[k, 2] = y[0].lo_a, y[0].lo_b, y[0].lo_c
+        i = errors(motor[0], 0.0, 0.0)  # between the bounds the current's sign decides, as in the network
+        mean[k, 0] = y[0].lo_a if i[0] > 0.0 else y[0].hi_a
+        mean[k, 1] = y[0].lo_b if i[1] > 0.0 else y[0].hi_b
+        mean[k, 2] = y[0].lo_c if i[2] > 0.0 else y[0].hi_c
         for _ in range(parts):
-            march(h / parts, motor[0], u[0], p[0], dx[0], mid[0], y[0].lo_a, y[0].lo_b, y[0].lo_c, 750.0)
+            march(h / parts, motor[0], u[0], p[0], dx[0], mid[0], mean[k, 0], mean[k, 1], mean[k, 2], 750.0)
         current[k, 0], current[k, 1], current[k, 2] = errors(motor[0], i_d_ref, i_q_ref)
 
 
 class Drive:
     """Motor at constant speed and its hysteresis control."""
 
-    def __init__(self, *, band=BAND, i_q_ref=RATED, i_d_ref=0.0, omega=OMEGA, h=H, L_d=1.83e-3, L_q=1.83e-3, **start):
+    def __init__(
+        self,
+        *,
+        band=BAND,
+        i_q_ref=RATED,
+        i_d_ref=0.0,
+        omega=OMEGA,
+        h=H,
+        L_d=1.83e-3,
+        L_q=1.83e-3,
+        dead_time=0.0,
+        **start,
+    ):
         self.h, self.band, self.refs = h, band, (i_d_ref, i_q_ref)
         kind = type_of(Pmsm)
         self.motor, self.dx, self.mid = (records(kind.state) for _ in range(3))
@@ -97,10 +125,12 @@ class Drive:
         self.p = parameters(Pmsm(L_d=L_d, L_q=L_q))
         kind = type_of(HysteresisBridge)
         self.x, self.v, self.y = records(kind.state), records(kind.input), records(kind.output)
-        self.b = parameters(HysteresisBridge(band=band, L_d=L_d, L_q=L_q, R=8e-3))
+        self.dead_time = dead_time
+        self.b = parameters(HysteresisBridge(band=band, L_d=L_d, L_q=L_q, R=8e-3, dead_time=dead_time))
         self.motor[0].i_d, self.motor[0].i_q = i_d_ref, i_q_ref
         for name, value in start.items():
             self.motor[0][name] = value
+        self.wait = np.zeros(3)
         self.s = np.zeros(3)  # of the comparators; the modulator's are its own states
 
     def put(self, s):
@@ -113,7 +143,9 @@ class Drive:
 
     def exact(self, n, ticks=600):
         mean, current = np.zeros((n, 3)), np.zeros((n, 3))
-        count = comparators(n, ticks, self.h, self.band, *self.refs, *self.machine, self.s, mean, current)
+        dead = round(self.dead_time / self.h * ticks)
+        of_legs = self.s, self.wait, np.zeros(3), mean, current
+        count = comparators(n, ticks, self.h, self.band, dead, *self.refs, *self.machine, *of_legs)
         return mean, current, count
 
     def run(self, n, parts=10):
@@ -145,6 +177,8 @@ def starts(count, band, **made):
         (2.0, {}, 4, 1e-3),
         (8.0, {"L_d": 1.2e-3, "L_q": 2.4e-3}, 2, 2e-3),
         (1.0, {"h": 90e-6}, 8, 5e-3),
+        (24.5, {"dead_time": 4e-6}, 1, 2e-3),
+        (4.0, {"dead_time": 4e-6}, 2, 5e-3),
     ],
 )
 def test_one_step_has_the_crossings_of_comparators_that_look_all_the_time(band, made, most, typical):
@@ -178,6 +212,25 @@ def test_closed_loop_switches_as_often_and_ripples_as_much_as_the_comparators():
     assert np.mean(ripples[1]) == pytest.approx(np.mean(ripples[0]), rel=0.015)
     assert 1.5 * BAND < np.max(peaks[0]) < 2.0 * BAND  # the insulated star point: more than the band, at most twice it
     assert 1.5 * BAND < np.max(peaks[1]) < 2.0 * BAND
+
+
+def test_dead_time_lets_the_error_go_on_over_the_band():
+    """4 us at up to 0.4 A/us: peaks of the error rise by so much, and bounds of s part by the dead time an edge."""
+    peaks = []
+    for dead_time in (0.0, 4e-6):
+        drive = Drive(band=BAND, dead_time=dead_time)
+        _, error, crossings = drive.run(round(0.4 / H))
+        assert crossings > 500
+        peaks.append(np.quantile(np.abs(error), 0.999))
+    assert 0.2 < peaks[1] - peaks[0] < 4.0
+    drive = Drive(dead_time=4e-6)
+    apart, before = 0.0, 0.0
+    for _ in range(2000):
+        drive.run(1)
+        y = drive.y[0]
+        apart += (y.hi_a - y.lo_a + y.hi_b - y.lo_b + y.hi_c - y.lo_c) * H
+    before = drive.x[0].dead_a + drive.x[0].dead_b + drive.x[0].dead_c  # of the last edges, still to come
+    assert apart + before == pytest.approx(drive.x[0].crossings * 4e-6, rel=1e-9)
 
 
 def test_the_torque_is_that_of_the_reference_in_the_mean():

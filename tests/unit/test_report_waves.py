@@ -8,9 +8,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import xarray
 
+from shipgrid.analysis.edges import combination, of_bridge
 from shipgrid.io.report import render
-from shipgrid.io.waves import windows_of
+from shipgrid.io.waves import windows_of, with_edges
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import open_results
 
@@ -81,3 +83,29 @@ def test_the_drawings_are_well_formed_and_small(run):
             assert len(picture) < 60_000
     page = render(run)
     assert "Waveforms from 12 s to 12.24 s" in page and "rectifier_for.i_a" in page
+
+
+def test_waves_of_a_bridge_are_drawn_with_the_edges_inside_steps():
+    n = 1300
+    t, instants = H * np.arange(n + 1), np.arange(int(n * H * 2 * CARRIER) + 1) / (2 * CARRIER)
+    angle = 2.0 * math.pi * F * instants
+    legs = of_bridge(instants, 0.45 * np.cos(angle), 0.45 * np.sin(angle), CARRIER, t[-1])
+    means = {k: np.append(0.0, np.diff(leg.integral(t)) / H) for k, leg in zip("abc", legs, strict=True)}
+    phase = combination((2.0 / 3.0, -1.0 / 3.0, -1.0 / 3.0), legs)
+    columns = {f"inverter_for.s_{k}": mean for k, mean in means.items()} | {
+        "inverter_for.v_ab": 750.0 * (means["a"] - means["b"]),
+        "inverter_for.i_a": 750.0
+        / 1e-3
+        * (phase.integral(t) - 0.45 * np.sin(2.0 * math.pi * F * t) / (2 * math.pi * F)),
+        "inverter_for.i_g_a": np.cos(t),
+        "rectifier_for.i_a": np.sin(t),
+    }
+    data = xarray.Dataset({name: ("time", values.astype(np.float32)) for name, values in columns.items()}, {"time": t})
+    _, v = with_edges(data, "inverter_for.v_ab")
+    assert len(v) > 2 * n
+    assert np.mean(np.min(np.abs(v[:, None] - [-750.0, 0.0, 750.0]), axis=1) < 0.1) > 0.99  # single precision
+    time, i = with_edges(data, "inverter_for.i_a", slice(100, None))
+    assert time[0] == t[100] and len(time) > n - 100 + 300
+    assert i.max() > columns["inverter_for.i_a"].max() + 0.5  # a tip that no step's end has
+    for name in ("inverter_for.i_g_a", "rectifier_for.i_a"):  # not driven by legs, or by legs that are not there
+        assert np.array_equal(with_edges(data, name)[1], data[name].values)

@@ -26,6 +26,8 @@ from shipgrid.model.kernel import uncompiled
 from shipgrid.modulators.gates import duty_ratios
 
 Array = NDArray[np.float64]
+FULL = 1e-6
+"""Means this close to 0 or 1 are those of steps without an edge: what single precision leaves."""
 
 
 @dataclass(frozen=True)
@@ -172,14 +174,65 @@ def of_means(time: ArrayLike, mean: ArrayLike, on: ArrayLike) -> SwitchingFuncti
     t, s, x = (np.asarray(a, dtype=float) for a in (time, mean, on))
     if not len(t) == len(x) == len(s) + 1:
         raise ParameterError("of_means needs a mean for each step and a position at each of its ends")
-    h, before, after = np.diff(t), x[:-1], x[1:]
-    one = before != after
+    return _of_positions(t, s, x[:-1], x[1:])
+
+
+def of_steps(time: ArrayLike, mean: ArrayLike, still: ArrayLike | None = None) -> SwitchingFunction:
+    """Switching function of a leg from its means over steps alone.
+
+    A step without an edge tells the position at both its ends. In a run of steps with edges the positions alternate,
+    one edge a step; a single such step between two of one position has two. What does not come out so, and what has
+    no step without an edge beside it (averaged modulators, blocked gates), keeps the mean of the step.
+
+    Parameters
+    ----------
+    time : array_like, shape (n + 1,)
+        Ends of the steps [s], the first one's start before them.
+    mean : array_like, shape (n,)
+        Mean of each step, from 0 to 1.
+    still : array_like of bool, shape (n,), optional
+        Steps in which the leg rests for a while: they keep their mean.
+
+    Returns
+    -------
+    SwitchingFunction
+    """
+    t, s = np.asarray(time, dtype=float), np.asarray(mean, dtype=float)
+    if len(t) != len(s) + 1:
+        raise ParameterError("of_steps needs a mean for each step")
+    resting = np.zeros(len(s), dtype=bool) if still is None else np.asarray(still, dtype=bool)
+    whole = ((s < FULL) | (s > 1.0 - FULL)) & ~resting
+    before = np.where(whole, np.round(s), np.nan)
+    after = before.copy()
+    inside = np.flatnonzero(~whole & ~resting)
+    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else ():
+        first, last = int(run[0]), int(run[-1])
+        start = after[first - 1] if first > 0 else np.nan
+        end = before[last + 1] if last + 1 < len(s) else np.nan
+        turned = len(run) % 2 == 1
+        if np.isnan(start):
+            start = 1.0 - end if turned else end
+        if np.isnan(end):
+            end = 1.0 - start if turned else start
+        if np.isnan(start) or (len(run) > 1 and turned != (start != end)):
+            continue
+        before[run] = np.where(np.arange(len(run)) % 2 == 0, start, 1.0 - start)
+        after[run] = 1.0 - before[run]
+        after[last] = end
+    return _of_positions(t, s, before, after)
+
+
+def _of_positions(t: Array, s: Array, before: Array, after: Array) -> SwitchingFunction:
+    """From means, and positions at the start and at the end of each step; where these are no numbers, the mean."""
+    h, known = np.diff(t), ~np.isnan(before)
+    one = known & (before != after)
     share = np.where(before > 0.5, s, 1.0 - s)  # of the step before the only edge
-    two = ~one & (np.abs(s - before) > 1e-12)
+    two = known & ~one & (np.abs(s - before) > 1e-12)
     half = 0.5 * h * np.abs(s - before)
     middle = 0.5 * (t[:-1] + t[1:])
-    times = np.concatenate([t[:1], t[:-1][one] + (h * share)[one], (middle - half)[two], (middle + half)[two]])
-    values = np.concatenate([x[:1], after[one], 1.0 - before[two], before[two]])
+    times = np.concatenate([t[:-1], t[:-1][one] + (h * share)[one], (middle - half)[two], (middle + half)[two], t[-1:]])
+    last = after[-1:] if known[-1] else s[-1:]
+    values = np.concatenate([np.where(known, before, s), after[one], 1.0 - before[two], before[two], last])
     order = np.argsort(times, kind="stable")
     return _without_repeats(times[order], values[order])
 
@@ -281,6 +334,69 @@ def between_steps(
     every = np.unique(np.concatenate([t, inside]))
     beside = s.integral(every) - np.interp(every, t, s.integral(t))
     return every, np.interp(every, t, i) + rate * np.interp(every, t, np.broadcast_to(v_dc, t.shape)) * beside
+
+
+def corners(time: ArrayLike, value: ArrayLike, s: ArrayLike, weights: Sequence[float] = (1.0,)) -> tuple[Array, Array]:
+    """A choke's current with its corners at the edges of the legs that drive it, from recorded steps alone.
+
+    How much its slope changes with the legs follows from one step to the next: everything else moves slowly.
+
+    Parameters
+    ----------
+    time, value : array_like, shape (n,)
+        Ends of steps [s], and the current there.
+    s : array_like, shape (n,) or (legs, n)
+        Mean switching functions of the step that ends at each.
+    weights : sequence of float
+        What each leg counts in the voltage across the choke.
+
+    Returns
+    -------
+    times, values : ndarray
+        As they are where no edge is known (averaged fidelity, blocked gates).
+    """
+    t, i, means = np.asarray(time), np.asarray(value), np.atleast_2d(np.asarray(s, dtype=float))[:, 1:]
+    still = None
+    if len(means) == 1:  # a choke at rest between two steps: a leg with one switch driven
+        zero = np.abs(i) <= 1e-6 * np.max(np.abs(i), initial=0.0)
+        rests = zero[:-1] & zero[1:]
+        near = rests | np.append(rests[1:], False) | np.append(False, rests[:-1])
+        still = near & (means[0] > FULL) & (means[0] < 1.0 - FULL)
+    legs = combination(weights, [of_steps(t, leg, still) for leg in means])
+    mean = np.asarray(weights) @ means
+    moved = np.diff(mean)
+    if len(legs.edges) == 0 or not np.any(moved):
+        return t, i
+    rate = float(np.sum(moved * np.diff(np.diff(i) / np.diff(t))) / np.sum(moved**2))
+    return between_steps(t, i, legs, rate, 1.0)
+
+
+def pulses(time: ArrayLike, value: ArrayLike, s: ArrayLike, weights: Sequence[float]) -> tuple[Array, Array]:
+    """A bridge's voltage with its edges, from its means over steps: a line that jumps at each edge.
+
+    Parameters
+    ----------
+    time, value : array_like, shape (n,)
+        Ends of steps [s], and the mean of the step that ends at each.
+    s, weights
+        As for `corners`.
+
+    Returns
+    -------
+    times, values : ndarray
+        Two points for each piece; where no edge is known a piece is a step.
+    """
+    t, v, means = np.asarray(time, dtype=float), np.asarray(value, dtype=float)[1:], np.atleast_2d(s)[:, 1:]
+    legs = combination(weights, [of_steps(t, leg) for leg in means])
+    mean = np.asarray(weights) @ means
+    telling = np.abs(mean) > 0.1
+    v_dc = np.zeros(len(v))
+    if telling.any():
+        v_dc = np.interp(np.arange(len(v)), np.flatnonzero(telling), v[telling] / mean[telling])
+    nodes = np.unique(np.concatenate([t, legs.edges]))
+    step = np.clip(np.searchsorted(t, nodes[:-1], side="right") - 1, 0, len(v) - 1)
+    pieces = v[step] + (legs(nodes[:-1]) - mean[step]) * v_dc[step]
+    return np.repeat(nodes, 2)[1:-1], np.repeat(pieces, 2)
 
 
 def _without_repeats(times: Array, values: Array) -> SwitchingFunction:

@@ -14,10 +14,6 @@ The integral over the whole cycles is a trapezoidal sum with an end between two 
 multiples of f_1/N: nothing leaks for want of a whole number of samples. Of a quantity that is the mean over each
 step, the lines are divided by what that mean takes from them, sin(pi f h)/(pi f h).
 
-**Corners.** The current of a choke behind one leg is straight between two edges of that leg. From step ends and the
-mean switching function s of each step, its slope is a - D s, so that D follows from a fit over all steps; where a step
-has one edge, that edge's place follows from s, and the corner is put there: peaks between two steps are found.
-
 Source: [IEC61000.4.7], 3.2 and 3.3.
 """
 
@@ -41,8 +37,6 @@ HIGHEST = 450.0
 """Highest fundamental [Hz] that is looked for: grids of 50, 60 and 400 Hz, motors; beyond are carriers."""
 NOTHING = 1e-6
 """A waveform whose alternating part is this share of its mean, or less, has no fundamental."""
-FULL = 1e-6
-"""A mean switching function this close to 0 or 1 is that of a step without an edge."""
 
 
 @dataclass(frozen=True)
@@ -227,49 +221,6 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
         lines = lines / np.sinc(np.arange(count) * h / T)
         squares += 0.5 * float(np.sum(np.abs(lines[1:]) ** 2) - before)
     return Spectrum(f_1, cycles, mean, math.sqrt(max(squares, 0.0)), lines, float(time[first]))
-
-
-def corners(time: np.ndarray, value: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A choke's current with its corners at the edges of the leg that drives it.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Ends of steps [s].
-    value : ndarray, shape (n,)
-        The current at them.
-    s : ndarray, shape (n,)
-        Mean switching function of the step that ends at each.
-
-    Returns
-    -------
-    time, value : ndarray
-        With one point more for each step that has one edge; as they are where no step is without an edge (averaged
-        fidelity), or where two edges within a step leave the state open.
-    """
-    h, mean = np.diff(time), s[1:]
-    slope = np.diff(value) / h
-    edge = np.flatnonzero((mean > FULL) & (mean < 1.0 - FULL))
-    spread = float(np.var(mean))
-    if len(edge) == len(mean) or len(edge) == 0 or spread == 0.0:
-        return time, value
-    D = float(np.mean((mean - np.mean(mean)) * slope)) / spread  # by how much slope is more where the switch is on
-    runs = np.split(edge, np.flatnonzero(np.diff(edge) > 1) + 1)
-    at, there = [], []
-    for run in runs:
-        before, after = int(run[0]) - 1, int(run[-1]) + 1
-        if before < 0 or after >= len(mean):
-            continue
-        state, end = round(float(mean[before])), round(float(mean[after]))
-        if (len(run) % 2 == 1) != (state != end):
-            continue
-        for k in run:
-            part = float(mean[k]) if state else 1.0 - float(mean[k])  # of the step, until the edge
-            at.append(time[k] + part * h[k])
-            there.append(value[k] + part * h[k] * (slope[k] + (state - float(mean[k])) * D))
-            state = 1 - state
-    order = np.argsort(np.concatenate([time, at]), kind="stable")
-    return np.concatenate([time, at])[order], np.concatenate([value, there])[order]
 
 
 def ripple(time: np.ndarray, value: np.ndarray, f: float) -> tuple[float, float]:

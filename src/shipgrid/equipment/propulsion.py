@@ -24,6 +24,7 @@ from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.ship_speed import ShipSpeed
 from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference, switch
 from shipgrid.equipment.hull import T_MARINE
+from shipgrid.equipment.wiring import publish_switching
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network
 from shipgrid.model.ops import clip
@@ -248,6 +249,7 @@ class Propulsion:
         alpha, beta = (f"{name}.motor.i_{axis}" for axis in ("alpha", "beta"))
         text = "current of the motor, from bridge to motor"
         net.publish_phases(f"{name}.i", alpha=alpha, beta=beta, unit="A", description=text)
+        publish_switching(net, name)
         alpha, beta = (f"{name}.motor.v_{axis}" for axis in ("alpha", "beta"))
         text = "voltage of the bridge, mean of a step"
         net.publish_phases(f"{name}.v", alpha=alpha, beta=beta, unit="V", description=text, lines=True, mean=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
-from shipgrid.model.network import DcBus, Network, Pole, Pole3, Sampled
+from shipgrid.model.network import DcBus, Network, Pole, Pole3, Sampled, Waveform
 from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
 
@@ -52,8 +52,17 @@ def add_leg(
     return net.half_bridge(f"{name}.leg", HalfBridge(), bus, modulator=f"{name}.modulator")
 
 
+def publish_switching(net: Network, name: str, f_sw: float = 0.0) -> None:
+    """Publish the switching functions of a bridge's legs as waveforms `name.s_a` ..., from its modulator."""
+    for leg in "abc":
+        bounds = tuple((f"{name}.modulator.{bound}_{leg}", 0.5) for bound in ("lo", "hi"))
+        text = f"switching function of the upper switch of leg {leg}, mean of a step; 0.5 while its gates are blocked"
+        net.publish_waveform(Waveform(f"{name}.s_{leg}", bounds, "1", text, mean=True, carrier=f_sw))
+
+
 def publish_bridge_voltage(net: Network, name: str, lcl: str, f_sw: float) -> None:
-    """Publish the line voltages of a bridge as waveforms `name.v_ab` ..., from the LCL filter `lcl` behind it."""
+    """Publish a bridge's line voltages, `name.v_ab` ..., from the LCL filter `lcl` behind it, and what its legs do."""
+    publish_switching(net, name, f_sw)
     net.publish_phases(
         f"{name}.v",
         alpha=f"{lcl}.alpha.v_conv",

@@ -11,6 +11,7 @@ import numpy as np
 
 from shipgrid.analysis.requirements import Series
 from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.io.waves import with_edges
 from shipgrid.scenarios.results import Results
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -71,7 +72,7 @@ def plot(
             # One row more on either side, so that a line runs on to the edge of the picture.
             first, last = np.searchsorted(s.time, [start, end])
             rows = slice(max(int(first) - 1, 0), int(last) + 1)
-            (line,) = ax.plot(*_with_gaps(s.time[rows], s.value[rows]), label=name, linewidth=1.2)
+            (line,) = ax.plot(*_line(run, name, s, rows), label=name, linewidth=1.2)
             if s.low is not None and s.high is not None:
                 ax.fill_between(
                     s.time[rows], s.low[rows], s.high[rows], step="pre", alpha=0.25, color=line.get_color(), lw=0
@@ -86,6 +87,15 @@ def plot(
     figure.suptitle(run.name, fontsize="medium")
     figure.savefig(out, dpi=150)
     return Path(out)
+
+
+def _line(run: Results, name: str, s: Series, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Points to join: in a waveform window with the edges inside steps, where they are known."""
+    for group in run.windows:
+        data = run.group(group)
+        if name in data and len(data["time"]) == len(s.time) and float(data["time"][0]) == s.time[0]:
+            return with_edges(data, name, rows)
+    return _with_gaps(s.time[rows], s.value[rows])
 
 
 def _with_gaps(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.analysis.harmonics import ORDERS, Spectrum, corners, fundamental, ripple, spectrum
+from shipgrid.analysis.edges import corners, pulses
+from shipgrid.analysis.harmonics import ORDERS, Spectrum, fundamental, ripple, spectrum
 from shipgrid.scenarios.results import Results
 
 CYCLES, PULSED_CYCLES = 3.0, 1.0
@@ -21,8 +22,12 @@ CYCLES, PULSED_CYCLES = 3.0, 1.0
 COLUMNS = 400
 """Columns of a drawing: what lies in one is drawn by its first, least, greatest and last value."""
 PHASES, LINES = ("a", "b", "c"), ("ab", "bc", "ca")
-CHOKES = (("i_b", "s"),)
+CHOKE = ("i_b", "s")
 """Symbols of an item's choke current and of the switching function of the leg that drives it."""
+DRIVEN = {f"i_{phase}": tuple(1.0 * (k == j) - 1.0 / 3.0 for j in range(3)) for k, phase in enumerate(PHASES)}
+"""Symbols of the currents that a three-phase bridge drives, and what each of its legs counts for them."""
+BETWEEN = {f"v_{a}{b}": tuple(1.0 * (k == a) - 1.0 * (k == b) for k in PHASES) for a, b in LINES}
+"""The same of the voltages between its poles."""
 SAME = 0.02
 """Fundamentals of an item's quantities that differ by less are one, that of the cleanest quantity."""
 SMALLEST = 1e-3
@@ -77,7 +82,7 @@ def _window(data: Any) -> dict[str, Any] | None:
         "end": float(time[-1]),
         "steps": len(time),
         "step": float(time[-1] - time[0]) / (len(time) - 1),
-        "sets": [_shown(s, time) for s in sets],
+        "sets": [_shown(s, time, data) for s in sets],
         "names": [f"{s.stem}_{s.phases[0]}" for s in sets],
         "orders": [(n, [f"{100.0 * _share(s, n):.2f}" for s in sets]) for n in orders],
         "carriers": [row for s in sets for row in _carrier_rows(s)],
@@ -100,7 +105,7 @@ def _sets(data: Any) -> list[Set]:
     for name in map(str, data.data_vars):
         for phases in (PHASES, LINES):
             stem = name.removesuffix(f"_{phases[0]}")
-            if stem != name and all(f"{stem}_{p}" in data for p in phases):
+            if stem != name and all(f"{stem}_{p}" in data for p in phases) and data[name].attrs["units"] != "1":
                 attrs = data[name].attrs
                 text = attrs["long_name"].rpartition(",")[0] or attrs["long_name"]
                 carrier = float(attrs.get("carrier_hz", 0.0))
@@ -129,7 +134,35 @@ def _one_fundamental(sets: Sequence[Set], time: np.ndarray) -> None:
             _analyse(s, time, f_1)
 
 
-def _shown(s: Set, time: np.ndarray) -> dict[str, Any]:
+def with_edges(data: Any, name: str, rows: slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+    """A quantity of a waveform window with the edges inside its steps, for a line from point to point.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        The window.
+    name : str
+        Currents of a choke get their corners, voltages of a bridge their jumps, where the legs that drive them are
+        recorded and known; anything else is as recorded.
+    rows : slice
+        Steps of the window.
+
+    Returns
+    -------
+    times, values : ndarray
+    """
+    item, _, symbol = name.partition(".")
+    time, value = data["time"].values[rows], data[name].values[rows].astype(float)
+    alone = symbol == CHOKE[0] and f"{item}.{CHOKE[1]}" in data  # a battery's choke, and not phase b
+    legs = [f"{item}.{CHOKE[1]}"] if alone else [f"{item}.s_{phase}" for phase in PHASES]
+    weights = (1.0,) if alone else {**DRIVEN, **BETWEEN}.get(symbol, ())
+    if not weights or len(time) < 3 or not all(leg in data for leg in legs):
+        return time, value
+    s = np.array([data[leg].values[rows].astype(float) for leg in legs])
+    return (pulses if symbol in BETWEEN else corners)(time, value, s, weights)
+
+
+def _shown(s: Set, time: np.ndarray, data: Any) -> dict[str, Any]:
     lines = _of(s)
     first = np.searchsorted(time, time[-1] - (PULSED_CYCLES if s.mean_of_step else CYCLES) / lines.f_1)
     peak = lines.harmonic(1)
@@ -140,12 +173,13 @@ def _shown(s: Set, time: np.ndarray) -> dict[str, Any]:
         ("THD", f"{100.0 * lines.thd:.2f} %"),
         ("all distortion", f"{100.0 * lines.distortion:.2f} %"),
     ]
-    shown = {p: v[first:] for p, v in s.values.items()}
+    shown = {p: with_edges(data, f"{s.stem}_{p}", slice(first, None)) for p in s.phases}
+    drawn_through = s.mean_of_step and len(next(iter(shown.values()))[0]) == len(time) - first
     return {
         "name": f"{s.stem}_{', _'.join(s.phases)}",
         "text": s.description,
         "facts": facts,
-        "wave": wave_drawing(time[first:], shown, s.unit, steps=s.mean_of_step),
+        "wave": wave_drawing(shown, s.unit, steps=drawn_through),
         "bars": bar_drawing(lines, s.carrier),
         "cycles": lines.cycles,
     }
@@ -168,12 +202,11 @@ def _ripple_rows(data: Any, time: np.ndarray) -> list[dict[str, str]]:
     rows = []
     for name in map(str, data.data_vars):
         item, _, symbol = name.partition(".")
-        for current, switching in CHOKES:
-            leg = f"{item}.{switching}"
-            if symbol == current and leg in data and "carrier_hz" in data[leg].attrs:
-                value, f = data[name].values.astype(float), float(data[leg].attrs["carrier_hz"])
-                t, i = corners(time, value, data[leg].values.astype(float))
-                rows.append(_ripple_row(name, value, "A", *ripple(t, i, f), f"within a period of {f:g} Hz"))
+        leg = f"{item}.{CHOKE[1]}"
+        if symbol == CHOKE[0] and leg in data and "carrier_hz" in data[leg].attrs:
+            value, f = data[name].values.astype(float), float(data[leg].attrs["carrier_hz"])
+            found = ripple(*with_edges(data, name), f)
+            rows.append(_ripple_row(name, value, "A", *found, f"within a period of {f:g} Hz"))
         if symbol == "v_dc":
             value = data[name].values.astype(float)
             whole = float(np.ptp(value))
@@ -191,25 +224,24 @@ def _ripple_row(name: str, value: np.ndarray, unit: str, mean: float, largest: f
     }
 
 
-def wave_drawing(time: np.ndarray, curves: Mapping[str, np.ndarray], unit: str, *, steps: bool = False) -> str:
+def wave_drawing(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], unit: str, *, steps: bool = False) -> str:
     """Curves over time as SVG, time counted from the first instant in milliseconds.
 
     Parameters
     ----------
-    time : ndarray, shape (n,)
-        Instants [s].
-    curves : mapping of str to ndarray
-        Values by phase.
+    curves : mapping of str to (ndarray, ndarray)
+        Times [s] and values by phase.
     unit : str
     steps : bool
         Whether a value holds for the whole step before it.
     """
-    top = max(float(np.max(np.abs(v))) for v in curves.values()) or 1.0
-    span = float(time[-1] - time[0]) or 1.0
+    top = max(float(np.max(np.abs(v))) for _, v in curves.values()) or 1.0
+    began = min(float(t[0]) for t, _ in curves.values())
+    span = max(float(t[-1]) for t, _ in curves.values()) - began or 1.0
     parts = [_frame(top, f"{1e3 * span:.3g} ms", unit)]
-    for k, value in enumerate(curves.values()):
-        t, y = _columns(time, value)
-        x_at = LEFT + (WIDTH - LEFT - 4) * (t - time[0]) / span
+    for k, curve in enumerate(curves.values()):
+        t, y = _columns(*curve)
+        x_at = LEFT + (WIDTH - LEFT - 4) * (t - began) / span
         y_at = ZERO - (ZERO - TOP) * y / top
         points = zip(x_at, y_at, strict=True)
         path = "V{1:.1f}H{0:.1f}" if steps else "L{0:.1f},{1:.1f}"

@@ -21,6 +21,11 @@ on from there: a leg may switch any number of times in a step, up to `MOST` cros
 The star point is insulated, so that three legs decide on two currents: while the other two hold a phase outside its
 band nothing in (1) can turn it back, and an error reaches up to twice the band.
 
+With a `dead_time`, a crossing opens one switch at once and closes the other that much later. In between both are open,
+and the diode that the current asks for has the leg: a leg turns at once where that is the diode of the switch that
+is to close, else late, and the error goes on over the band for so long. `lo` counts only what the upper switch is
+closed, `hi` all but what the lower switch is closed, as in modulators/time_stamped.py; the solver finds which holds.
+
 Without gates the comparators go on; a leg takes up their state when the gates are released. `lead` as in
 modulators/time_stamped.py.
 
@@ -33,9 +38,9 @@ import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.frames import SQRT3_2, alpha_beta_to_abc, unrotate
-from shipgrid.model.ops import clip, minimum
+from shipgrid.model.ops import clip, maximum, minimum
 from shipgrid.modulators.gates import BridgeGates, block
-from shipgrid.units import Ampere, Henry, Ohm, Radian, RadianPerSecond, Ratio, Volt, Weber
+from shipgrid.units import Ampere, Henry, Ohm, Radian, RadianPerSecond, Ratio, Second, Volt, Weber
 
 MOST = 64
 """Crossings a step. The ferry's motor at 30 us has two at most; with a band of 1 A, at 90 us, it has ten."""
@@ -47,6 +52,9 @@ class HysteresisState:
     s_a: Ratio = signal("leg a: 1 upper switch, 0 lower")
     s_b: Ratio = signal("leg b: 1 upper switch, 0 lower")
     s_c: Ratio = signal("leg c: 1 upper switch, 0 lower")
+    dead_a: Second = signal("leg a: time until its switch closes")
+    dead_b: Second = signal("leg b: time until its switch closes")
+    dead_c: Second = signal("leg c: time until its switch closes")
     crossings: Ratio = signal("edges of the three legs so far", counts=True)
     capped: Ratio = signal("steps so far with more crossings than are followed", counts=True)
 
@@ -81,6 +89,12 @@ def compare(s, e, band):
 
 
 @kernel
+def conducts(s, dead, i):
+    """Where the potential of a leg is: at its closed switch, or, while both are open, at the diode that carries `i`."""
+    return s if dead <= 0.0 else (0.0 if i > 0.0 else 1.0)
+
+
+@kernel
 def hysteresis_modulate(dt, fraction, x, u, p, y):
     """Follow the three errors through the coming step, crossing by crossing."""
     omega = p.n_p * u.omega_m
@@ -90,6 +104,7 @@ def hysteresis_modulate(dt, fraction, x, u, p, y):
     e_a, e_b, e_c = alpha_beta_to_abc(e_alpha, e_beta)
     if u.gates < 0.5:
         x.s_a, x.s_b, x.s_c = compare(x.s_a, e_a, p.band), compare(x.s_b, e_b, p.band), compare(x.s_c, e_c, p.band)
+        x.dead_a = x.dead_b = x.dead_c = 0.0
         block(y)
         return
 
@@ -105,44 +120,68 @@ def hysteresis_modulate(dt, fraction, x, u, p, y):
     gain_bb = v_dc * (g_d * sin * sin + g_q * cos * cos)
     gain_ab = v_dc * (g_d - g_q) * cos * sin
 
+    i_a, i_b, i_c = alpha_beta_to_abc(*unrotate(u.i_d_ref, u.i_q_ref, cos, sin))  # references, at the same angle
+
     s_a, s_b, s_c = x.s_a, x.s_b, x.s_c
+    dead_a, dead_b, dead_c = x.dead_a / dt, x.dead_b / dt, x.dead_c / dt  # in steps, like all that follows
+    up_a = up_b = up_c = down_a = down_b = down_c = 0.0
+    y.limited = 0.0
     on_a = on_b = on_c = first_a = first_b = first_c = tau = 0.0
     count = 0
     while True:
-        v_alpha, v_beta = (2.0 * s_a - s_b - s_c) / 3.0, (s_b - s_c) / (2.0 * SQRT3_2)
+        d_a = conducts(s_a, dead_a, e_a + i_a)
+        d_b = conducts(s_b, dead_b, e_b + i_b)
+        d_c = conducts(s_c, dead_c, e_c + i_c)
+        v_alpha, v_beta = (2.0 * d_a - d_b - d_c) / 3.0, (d_b - d_c) / (2.0 * SQRT3_2)
         a, b, c = alpha_beta_to_abc(
             free_alpha + gain_aa * v_alpha + gain_ab * v_beta, free_beta + gain_ab * v_alpha + gain_bb * v_beta
         )
         t_a, t_b, t_c = crossing(s_a, e_a, a, p.band), crossing(s_b, e_b, b, p.band), crossing(s_c, e_c, c, p.band)
+        left = 1.0 - tau
         span = minimum(t_a, minimum(t_b, t_c))
-        crosses = span < 1.0 - tau and count < MOST
+        closes = minimum(
+            dead_a if dead_a > 0.0 else np.inf,
+            minimum(dead_b if dead_b > 0.0 else np.inf, dead_c if dead_c > 0.0 else np.inf),
+        )
+        crosses = span < minimum(left, closes) and count < MOST
         if not crosses:
-            y.limited = 1.0 if span < 1.0 - tau else 0.0
-            span = 1.0 - tau
-        on_a += span * s_a
-        on_b += span * s_b
-        on_c += span * s_c
+            y.limited = 1.0 if span < minimum(left, closes) else y.limited
+            span = minimum(left, closes)
+        on_a += span * d_a
+        on_b += span * d_b
+        on_c += span * d_c
+        up_a += span * d_a if dead_a > 0.0 else 0.0
+        up_b += span * d_b if dead_b > 0.0 else 0.0
+        up_c += span * d_c if dead_c > 0.0 else 0.0
+        down_a += span * (1.0 - d_a) if dead_a > 0.0 else 0.0
+        down_b += span * (1.0 - d_b) if dead_b > 0.0 else 0.0
+        down_c += span * (1.0 - d_c) if dead_c > 0.0 else 0.0
         before = clip(fraction - tau, 0.0, span)
-        first_a += before * s_a
-        first_b += before * s_b
-        first_c += before * s_c
-        if not crosses:
+        first_a += before * d_a
+        first_b += before * d_b
+        first_c += before * d_c
+        dead_a, dead_b, dead_c = maximum(dead_a - span, 0.0), maximum(dead_b - span, 0.0), maximum(dead_c - span, 0.0)
+        if not crosses and left <= closes:
             break
         tau += span
         e_a += span * a
         e_b += span * b
         e_c += span * c
+        if not crosses:
+            continue
         if t_a == span:
-            s_a = 1.0 - s_a
+            s_a, dead_a = 1.0 - s_a, p.dead_time / dt
         elif t_b == span:
-            s_b = 1.0 - s_b
+            s_b, dead_b = 1.0 - s_b, p.dead_time / dt
         else:
-            s_c = 1.0 - s_c
+            s_c, dead_c = 1.0 - s_c, p.dead_time / dt
         count += 1
     x.s_a, x.s_b, x.s_c = s_a, s_b, s_c
+    x.dead_a, x.dead_b, x.dead_c = dead_a * dt, dead_b * dt, dead_c * dt
     x.crossings += count
     x.capped += y.limited
-    y.lo_a, y.hi_a, y.lo_b, y.hi_b, y.lo_c, y.hi_c = on_a, on_a, on_b, on_b, on_c, on_c
+    y.lo_a, y.lo_b, y.lo_c = on_a - up_a, on_b - up_b, on_c - up_c
+    y.hi_a, y.hi_b, y.hi_c = on_a + down_a, on_b + down_b, on_c + down_c
     sampled = fraction if fraction >= 0.0 else 0.0
     y.lead_a = first_a - sampled * on_a
     y.lead_b = first_b - sampled * on_b
@@ -162,6 +201,7 @@ class HysteresisBridge:
     band: Ampere = param(
         "half-width of the band", default=24.5, above=0.0, source="typical: 5 % of the rated current's peak"
     )
+    dead_time: Second = param("dead time after each edge", default=0.0, at_least=0.0, source="neglected")
     n_p: Ratio = param("pole pairs", default=3.0, at_least=1.0, source="60 * 22.5 Hz / 450 rpm")
     psi_f: Weber = param("magnet flux linkage", default=2.595, above=0.0, source="5.73 kN m at 347 A with i_d = 0")
     R: Ohm = param("resistance of winding and closed switch", default=10e-3, at_least=0.0, source="as the motor's")
