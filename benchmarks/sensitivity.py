@@ -62,7 +62,7 @@ FIGURES: dict[str, tuple[str, float, tuple[float, float], str, tuple[float, floa
 }
 
 
-def sail(changes: dict[str, str], until: float) -> list[float | None] | str:
+def sail(changes: dict[str, str], until: float) -> list[float] | str:
     """The figures of one run, or why there are none."""
     both = [
         (key if kind == "hull" else f"equipment.{kind}_{side}{key[len(kind) :]}", text)
@@ -77,6 +77,9 @@ def sail(changes: dict[str, str], until: float) -> list[float | None] | str:
             )
         except (SolverError, SteadyStateError) as wrong:
             return str(wrong)
+        for event in run.events:
+            if "refused" in event.text:
+                return f"{event.source}: {event.text}"
         found = []
         for name, factor, (start, end), what, _ in FIGURES.values():
             part = {s: run[f"{name}_{s}"].sel(time=slice(start, end)) for s in ("min", "max", "mean")}
@@ -90,7 +93,7 @@ def sail(changes: dict[str, str], until: float) -> list[float | None] | str:
         return found
 
 
-def draw(rows: dict[str, list[float | None] | str], path: Path) -> None:
+def draw(rows: dict[str, list[float] | str], path: Path) -> None:
     """One panel a figure: every case as a point, the band as a bar behind them."""
     figure, axes = plt.subplots(2, 5, sharey=True, figsize=(15.0, 8.0), constrained_layout=True)
     names = list(rows)[::-1]
