@@ -23,6 +23,7 @@ from shipgrid.errors import InputErrors, SolverError
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, taken_over, unfinished
 
+FIND_START = runner.start
 GROUPS = ("plant", "slow", "waveforms/0", "waveforms/1", "events", "limiters")
 
 
@@ -132,6 +133,39 @@ def test_a_killed_run_is_continued_to_the_same_bits(whole, tmp_path):
 def test_fifty_killed_runs_are_continued_to_the_same_bits(whole, tmp_path):
     killed(tmp_path, seed=50, count=50)
     assert continued(tmp_path, 50, whole)
+
+
+GENSET = """\
+schema: 1
+scenario: starting
+description: an engine with its delay, a generator that builds up its voltage, a rectifier that pre-charges and connects
+duration: 12 s
+start: {state: moored, closed: [dc_tie]}
+timeline:
+  - {at: 0.1 s, set: {genset_for.on: true, propulsion_for.speed_ref: 6 kn}}
+"""
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("fidelity", ["averaged", "switching"])
+def test_a_genset_that_starts_while_the_run_is_interrupted_again_and_again(fidelity, tmp_path, monkeypatch):
+    """Delay lines, blocked and switching bridges, contacts: with either fidelity the same bits."""
+    monkeypatch.setattr(runner, "start", FIND_START)
+    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.02)
+    how = {
+        "made_of": case(scenario=GENSET),
+        "fidelity": fidelity,
+        "step": 30e-6,
+        "waveforms": [(0.0, 0.05), (10.0, 10.2)],
+    }
+    simulate(tmp_path / "whole", **how)
+    simulate(tmp_path / "out", **how, progress=interrupt_at(2.0))
+    for t in (4.0, 6.0, 8.0, 8.5, 9.0, 10.1, 11.0):
+        assert simulate(tmp_path / "out", **how, resume=True, progress=interrupt_at(t)).summary["interrupted"]
+    done = simulate(tmp_path / "out", **how, resume=True)
+    assert len(done.summary["continued_at_s"]) == 8
+    assert any(event.source == "rectifier_for" for event in done.events)
+    assert same(tmp_path / "out", tmp_path / "whole")
 
 
 def test_results_of_a_killed_run_can_be_opened_as_far_as_its_last_snapshot(whole, tmp_path, hurried, monkeypatch):
