@@ -188,8 +188,33 @@ def taken_over(path: Path, place: Path) -> OutputFolder | None:
     return None if lock is None else OutputFolder(Path(os.path.abspath(place)), path, lock)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole, in place of an older one; on the disk when this returns."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text)
+    sync_file(part)
+    os.replace(part, path)
+
+
+def sync_file(path: Path) -> None:
+    """Put the contents of a file on the disk."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Put the names in a folder on the disk, where the system has a way to."""
+    if os.name == "posix":
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
 def finish(final: Path) -> None:
-    """Remove what a run in its place would be continued from: it is done."""
+    """Remove what a run in its place would be continued from: it is done, and on the disk."""
+    sync_folder(final.parent)
     (final / UNFINISHED / SNAPSHOT).unlink(missing_ok=True)  # first: without it nobody takes the rest for a run
     shutil.rmtree(final / UNFINISHED, ignore_errors=True)
 

@@ -18,8 +18,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from shipgrid.scenarios.output_folder import sync_file, write_text
 from shipgrid.scenarios.recorder import CHUNK_ROWS, FILE_NAME, LAYERS, Column, ResultsWriter
-from shipgrid.scenarios.snapshot import read, write_text
+from shipgrid.scenarios.snapshot import read
 
 HEAD = "columns.json"
 """File that says what the rows are."""
@@ -145,6 +146,7 @@ def make_results(
                         left -= len(part)
             writer.events(events)
             writer.limiters(limiters)
+        sync_file(Path(made) / FILE_NAME)
         os.replace(Path(made) / FILE_NAME, folder / FILE_NAME)
 
 

@@ -40,8 +40,10 @@ from shipgrid.scenarios.output_folder import (
     check_room,
     finish,
     prepare,
+    sync_folder,
     taken_over,
     unfinished,
+    write_text,
 )
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
@@ -272,11 +274,13 @@ def simulate(
             run = Run(plan, work)
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
-        snapshot.write_text(folder.path / MARK, text)
+        write_text(folder.path / MARK, text)
         if planned is not None:
             planned(time_of_a_step(plan, work) * (round(end / h) - work.n))
         folder.unfinished.mkdir(exist_ok=True)
         log = RowLog(folder.unfinished, *_recorded(plan, windows), about, saved.get("rows"))
+        sync_folder(folder.path)
+        sync_folder(folder.path.parent)
     except BaseException:
         if resume and (folder.unfinished / SNAPSHOT).is_file():
             folder.release()
@@ -433,7 +437,8 @@ def _conclude(
     with open_results(folder) as written:
         figures = {name: summary[name] for name in FIGURES}
         summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
-    (folder / SUMMARY).write_text(json.dumps(summary, indent=1))
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1))
+    sync_folder(folder)
 
 
 def go(

@@ -27,6 +27,7 @@ import numpy as np
 import shipgrid
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.errors import InputErrors
+from shipgrid.scenarios.output_folder import sync_folder
 
 SCHEMA = 1
 HEAD = "about"
@@ -168,23 +169,6 @@ def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:
     for name, array in arrays.items():
         own[name][...] = array
     return work
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file whole, in place of an older one."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text)
-    os.replace(part, path)
-
-
-def sync_folder(folder: Path) -> None:
-    """Put the names in a folder on the disk, where the system has a way to."""
-    if os.name == "posix":
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
 
 
 def _arrays(work: Workspace) -> dict[str, np.ndarray]:
