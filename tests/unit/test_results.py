@@ -1,10 +1,6 @@
 """Results: written while the run goes on, read afterwards."""
 
 import json
-import os
-import subprocess
-import sys
-import textwrap
 
 import numpy as np
 import pytest
@@ -90,22 +86,14 @@ def test_rows_of_the_wrong_shape_are_refused(tmp_path):
         w.append("plant", np.zeros(3), np.zeros((3, 1)))
 
 
-def test_what_was_flushed_survives_a_killed_process(tmp_path):
-    program = textwrap.dedent(f"""
-        import os, numpy as np
-        from shipgrid.scenarios.recorder import ResultsWriter
-        w = ResultsWriter({str(tmp_path)!r}, {GROUPS!r})
-        w.append("plant", 0.01 * np.arange(300), np.ones((300, 2)))
-        w.events([(1.0, "genset_for", "on")])
-        w.flush()
-        w.append("plant", 3.0 + 0.01 * np.arange(300), np.ones((300, 2)))
-        os._exit(9)
-    """)
-    done = subprocess.run([sys.executable, "-c", program], env=os.environ, check=False)
-    assert done.returncode == 9
-    run = open_results(tmp_path)
-    assert len(run["dc_for.v_dc"]) == 300
-    assert run.events[0].text == "on"
+def test_a_file_can_be_opened_any_number_of_times(tmp_path):
+    with ResultsWriter(tmp_path, GROUPS) as w:
+        w.events([(1.0, "genset_for", "running"), (2.0, "straße", "30 µs at 0.5 Ω")])
+    opened = [open_results(tmp_path) for _ in range(30)]  # texts of any length made the library crash here
+    assert opened[-1].events == opened[0].events == [(1.0, "genset_for", "running"), (2.0, "straße", "30 µs at 0.5 Ω")]
+    assert opened[-1].limiters == []
+    for run in opened:
+        run.close()
 
 
 def test_a_requirement_is_judged_on_the_extremes_of_the_file(written):

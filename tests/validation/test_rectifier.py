@@ -21,7 +21,7 @@ from shipgrid.controllers import dc_voltage, reactive_power, rectifier_control
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment import rectifier
-from shipgrid.equipment.rectifier import L_1_PAPER, L_1_PRESETS, Rectifier, RectifierSequence
+from shipgrid.equipment.rectifier import CLOSED, L_1_PAPER, L_1_PRESETS, OPEN, RESISTOR, Rectifier, RectifierSequence
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
 
 loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
@@ -31,6 +31,7 @@ OMEGA = 2.0 * math.pi * 60.0
 T_S = 1.0 / 3240.0
 SUBSTEPS = 8  # RK4, 39 us: 0.19 rad of the filter's resonance
 TICK = 32  # sampling periods between two ticks of the sequence, 9.9 ms
+R_P = 1.5  # pre-charge resistor per phase
 L_BASE = 480.0**2 / 596e3 / OMEGA
 GENSET = 0.135 * L_BASE  # mean of the subtransient reactances
 I_DC_N = 596e3 / 750.0
@@ -52,19 +53,19 @@ def overlaid(record, scalar, **values):
 
 
 @loop
-def rates(f, s, e, contacts, lcl, dc, df):
+def rates(f, s, e, contacts, switching, lcl, dc, df):
     """Derivative of the plant [i_1, v_c, i_2 of alpha, of beta, v_dc] for bridge `s` and source `e`, both complex."""
     flat, x, u, dflat, dx, p = lcl
     for axis in range(2):
         k = 3 * axis
         flat[:] = f[k : k + 3]
         u.v_conv = s[axis] * f[6]
-        u.v_g = e[axis]
+        u.v_g = e[axis] - (R_P * f[k + 2] if contacts == RESISTOR else 0.0)
         lcl_derivatives(0.0, x, u, p, dx)
         df[k : k + 3] = dflat
-        if contacts >= 1.0:
+        if switching < 0.5:  # the bus is above what the diodes give
             df[k] = 0.0
-        if contacts >= 2.0:
+        if contacts == OPEN:
             df[k + 1] = 0.0
             df[k + 2] = 0.0
     capacitance, power, conductance, v_0 = dc
@@ -91,7 +92,7 @@ def period(k, f, pulses, contacts, lcl, dc, e_0, control, work):
             angle = OMEGA * (k * T_S + j * h + back)
             at[:] = f + back * slope[stage - 1]
             e = (e_0 * math.cos(angle), e_0 * math.sin(angle))
-            rates(at, (pulses[0], pulses[1]), e, contacts, lcl, dc, slope[stage])
+            rates(at, (pulses[0], pulses[1]), e, contacts, u.enable.real, lcl, dc, slope[stage])
         f += h / 6.0 * (slope[0] + 2.0 * slope[1] + 2.0 * slope[2] + slope[3])
 
 
@@ -115,9 +116,9 @@ def sail(k_0, f, pulses, lcl, dc, e_0, control, work, sequence, on, log):
             sequence_update(k * T_S, TICK * T_S, x, u, p, x_next, y)
             x_flat[:] = next_flat
             c_u.enable, c_u.limit, c_u.v_dc_ref = y.enable, y.limit, y.v_dc_ref
-            if y.contacts >= 1.0:
+            if y.enable < 0.5:
                 f[0], f[3] = 0.0, 0.0
-            if y.contacts >= 2.0:
+            if y.contacts == OPEN:
                 f[:6] = 0.0
         period(k, f, pulses, y.contacts, lcl, dc, e_0, control[:7], work)
         n = len(c_flat)
@@ -161,7 +162,7 @@ class Bench:
         self.work = (np.zeros((4, 7), scalar), np.zeros(7, scalar))
         x_flat, x = overlaid(rectifier.State, "f8")
         self.seq_u = make_record(rectifier.Input, {"v_dc_ref": 750.0})
-        self.seq_y = make_record(rectifier.Output, {"contacts": 1.0})
+        self.seq_y = make_record(rectifier.Output, {"contacts": CLOSED})
         p, _ = parameter_record(RectifierSequence())
         self.seq = (x_flat, x, *overlaid(rectifier.State, "f8"), self.seq_u, self.seq_y, p)
 

@@ -338,11 +338,13 @@ def test_older_results_stay_if_the_new_run_cannot_start(ferry, scenario, tmp_pat
 
 
 def test_a_disk_that_fills_up_during_the_run_keeps_what_was_written(ferry, scenario, tmp_path, monkeypatch):
-    def full(self, *args):
+    def full(*args):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(runner.ResultsWriter, "events", full)
-    with pytest.raises(SolverError, match="No space left"):
+    with monkeypatch.context() as patch, pytest.raises(SolverError, match="No space left"):
+        patch.setattr(runner, "make_results", full)
         simulate(scenario, tmp_path / "out", until=0.01)
+    (left,) = left_over(tmp_path, "short.yaml")
+    assert left.startswith(".out-")
+    simulate(scenario, tmp_path / "out", until=0.01, resume=True).close()
     assert left_over(tmp_path, "short.yaml") == ["out"]
-    assert (tmp_path / "out" / "results.nc").exists()

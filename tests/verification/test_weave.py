@@ -161,9 +161,10 @@ def test_values_connections_numbers_of_instances_and_the_step_compile_nothing(co
 
 def test_a_plant_runs_without_the_compiler_to_the_last_bit(copy):
     """So that a debugger can step through it."""
-    plain = copy.run(compiler=False, drives=2)
+    plain, compiled = copy.run(compiler=False, drives=2), copy.run(drives=2)
     assert plain["compiled"] == 0
-    assert plain == copy.run(drives=2)
+    for name in ("speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta"):
+        assert plain[name] == compiled[name] != 0.0
 
 
 class LinkInput:

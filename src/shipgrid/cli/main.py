@@ -66,20 +66,28 @@ def run(
     out: OutOption = None,
     waveforms: WaveformsOption = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the unfinished run of that folder from its last snapshot.")
+    ] = False,
     reference: Annotated[
         bool, typer.Option("--reference", help="Run a window with the reference solver too and print the differences.")
     ] = False,
 ) -> None:
-    """Run a scenario offline, as fast as it goes; or repeat a run, given the run.yaml in its folder."""
+    """Run a scenario offline, as fast as it goes; or repeat a run, given the run.yaml in its folder.
+
+    A run that was interrupted or killed is continued by the same command with --resume, or by the path of its run.yaml
+    with --resume, to the results of one that never was.
+    """
     with _errors_as_exit_status():
-        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
+        if resume and reference:
+            _refuse("--resume: --reference keeps nothing that could be continued, expected one or the other")
         if resume:
-            _refuse("--resume: this version cannot continue an interrupted run yet; its results so far are kept")
+            scenario, out = _unfinished_case(scenario, out)
+        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
         if reference:
             _against_reference(case)
             return
-        results = _simulate(case, out, report=not no_report)
+        results = _simulate(case, out, report=not no_report, resume=resume)
         _say_results(results)
         if results.summary.get("interrupted"):
             raise typer.Exit(INTERRUPTED)
@@ -338,6 +346,19 @@ def _case(
     return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
 
 
+def _unfinished_case(scenario: str, out: Path | None) -> tuple[str, Path | None]:
+    """The run.yaml and the place of a run that is to be continued, where it is named by the run.yaml in its folder."""
+    from shipgrid.scenarios.output_folder import MARK, place_of, unfinished
+
+    path = Path(scenario)
+    if path.name != MARK:
+        return scenario, out
+    place = place_of(path.parent)
+    if not path.exists():  # killed before there was a folder in the place
+        path = next((folder / MARK for folder in unfinished(place)), path)
+    return str(path), out or place
+
+
 def _say_version(path: str, repeated: Any) -> None:
     """A run repeats to the bit with the program that made it; say so where this is another."""
     import shipgrid
@@ -362,12 +383,13 @@ def _window(text: str, problems: list[str]) -> tuple[float, float] | None:
     return None
 
 
-def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
+def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool) -> Any:
     """Say what will be done, then do it behind a progress bar."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from shipgrid.scenarios import runner
+    from shipgrid.scenarios.output_folder import place_of, unfinished
 
     console = Console(stderr=True)
     scenario, options = case.scenario, case.options
@@ -379,6 +401,10 @@ def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
         f"{options['fidelity']}; {len(scenario.events)} commands, {len(scenario.requirements)} requirements",
         soft_wrap=True,
     )
+    left = [] if resume else unfinished(out or runner.default_place(scenario, options["fidelity"]))
+    for folder in left:
+        what = "is replaced by this run" if folder == place_of(folder) else "stays as it is"
+        console.print(f"an unfinished run lies in {folder} and {what}; --resume would continue it", soft_wrap=True)
     columns = (
         BarColumn(),
         TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
@@ -387,19 +413,33 @@ def _simulate(case: Case, out: Path | None, *, report: bool) -> Any:
     )
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("run", total=end, speed="starting")
+        begun = 0.0
+
+        def found(at: float, folder: Path) -> None:
+            nonlocal begun
+            begun = at
+            console.print(f"continued at {at:g} s of {end:g} s, from the last snapshot in {folder}", soft_wrap=True)
 
         def planned(seconds: float) -> None:
-            each = 1e6 * seconds / round(end / step)
+            each = 1e6 * seconds / max(1, round((end - begun) / step))
             console.print(f"about {_duration(seconds)}: {each:.1f} us a step in a trial at the start", soft_wrap=True)
             bar.reset(task, speed="")
 
         def progress(now: float, total: float) -> None:
             elapsed = bar.tasks[0].elapsed or 0.0
-            speed = f"{now / elapsed:.1f} x real time" if elapsed > 0.0 else ""
+            speed = f"{(now - begun) / elapsed:.1f} x real time" if elapsed > 0.0 else ""
             bar.update(task, completed=now, total=total, speed=speed)
 
         return runner.simulate(
-            case.ship, scenario, out=out, report=report, progress=progress, planned=planned, **options
+            case.ship,
+            scenario,
+            out=out,
+            report=report,
+            progress=progress,
+            planned=planned,
+            resume=resume,
+            found=found,
+            **options,
         )
 
 
@@ -460,7 +500,9 @@ def _say_results(results: Any) -> None:
         f"energy balance {100.0 * summary.get('energy_balance_error', 0.0):.3f} %; {results.folder}"
     )
     if summary.get("interrupted"):
-        typer.echo("interrupted: the results so far are kept", err=True)
+        typer.echo(
+            "interrupted: the results so far are kept; the same command with --resume continues the run", err=True
+        )
 
 
 def _limits(verdict: Any) -> str:

@@ -14,6 +14,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network
+from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import At, places_to_set, seconds, timeline
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
@@ -35,6 +37,11 @@ if TYPE_CHECKING:
 
 NEVER = 2**62
 """Steps between the rows of a group that has no signals."""
+LOGS = (
+    *("rows", "plant_rows", "slow_rows", "interval", "energy", "limiter_time"),
+    *("event_step", "event_which", "event_value", "event_count"),
+)
+"""What of a workspace belongs to one run and not to its state."""
 MOST_VALUES = 50_000_000
 """Numbers a run may keep in memory: 400 MB."""
 
@@ -135,6 +142,42 @@ class RunnablePlan(Plan):
             raise error
         return result
 
+    def save(self, work: Workspace, path: str | Path) -> None:
+        """Write the end of a run, or an operating point, to a file, whole or not at all.
+
+        Parameters
+        ----------
+        work : Workspace
+            Of this plan: `run.end`, say.
+        path : str or Path
+            The file, `.npz`.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; an older one is untouched.
+        """
+        snapshot.write(Path(path), work, {"identity": snapshot.identity(self)}, without=LOGS)
+
+    def load(self, path: str | Path) -> Workspace:
+        """What `save` wrote, to start a run from; that run gives the same bits as one that went on at once.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Raises
+        ------
+        InputErrors
+            If there is none, it is damaged, or was written by another plan: with what differs.
+        """
+        about, arrays = snapshot.read(Path(path))
+        differing = snapshot.differences(about["identity"], snapshot.identity(self))
+        if differing:
+            raise InputErrors([f"{path}: is a snapshot of another plan:", *(f"  {line}" for line in differing)])
+        return snapshot.restore(self, about["n"], arrays)
+
     def _sources(self, record: Sequence[str] | None) -> dict[str, str]:
         """Path of each signal that is to be kept, by the name it is asked for."""
         public = {name: signal.source for name, signal in self.network.published.items()}
@@ -163,10 +206,8 @@ class RunnablePlan(Plan):
     def _workspace(self, watching: Plan, start: Workspace | Mapping[str, float] | None) -> Workspace:
         work = new_workspace(watching)
         if isinstance(start, Workspace):
-            logs = ("rows", "plant_rows", "slow_rows", "interval", "energy", "limiter_time")
-            logs = (*logs, "event_step", "event_which", "event_value", "event_count")
             copied = start.snapshot()
-            copied.step = copied.step._replace(**{name: getattr(work.step, name) for name in logs})
+            copied.step = copied.step._replace(**{name: getattr(work.step, name) for name in LOGS})
             return copied
         known = {path: self.layout.index[path] for path in self.layout.nodes}
         known |= {path: place for (part, path), place in self.layout.slots.items() if part == "x"}

@@ -1,4 +1,4 @@
-"""The results of a run as a NetCDF-4 file that grows while the run goes on.
+"""The results of a run as a NetCDF-4 file.
 
 One group per sampling rate (`plant`, `slow`, `waveforms/...`) with its unlimited `time`; one variable per signal, named
 `<equipment>.<symbol>`, with `units` and `long_name`; where a recorder thins a signal out, `<name>_min`, `<name>_max`
@@ -6,12 +6,12 @@ and `<name>_mean` hold the extremes and the mean of all steps over the interval 
 `events` is the event log, the group `limiters` the log of active limiters.
 
 Values are stored in single precision (7 digits), time in double. Rows are written in blocks of one HDF5 chunk, so that
-memory stays small; every flush leaves a file that can be read, also if the process is killed afterwards.
+memory stays small. A process killed while the library writes leaves no file that can be read; so the rows of a run
+under way are kept by `row_log.py`.
 """
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -24,8 +24,6 @@ FILE_NAME = "results.nc"
 CHUNK_ROWS = 8192
 """Rows of one block: 32 kB a variable. A write costs about 0.7 ms whatever its length, so that short blocks are slow;
 100 signals with their extremes and means wait in 13 MB."""
-FLUSH_S = 20.0
-"""Wall-clock time after which buffered rows are put on the disk, if their block is not full by then."""
 
 LAYERS = (
     ("", "{}"),
@@ -106,7 +104,7 @@ class Group:
 
 
 class ResultsWriter:
-    """Write `results.nc` while a run goes on.
+    """Write `results.nc`.
 
     Parameters
     ----------
@@ -139,17 +137,28 @@ class ResultsWriter:
         self.groups = {
             name: Group(self.file.createGroup(name), columns, periods.get(name)) for name, columns in groups.items()
         }
-        self._event_log = self._table("events", {"time": "f8", "source": str, "text": str})
-        self._limiter_log = self._table("limiters", {"signal": str, "first_s": "f8", "duration_s": "f8", "count": "i8"})
-        self._event_log["time"].units = self._limiter_log["first_s"].units = "s"
-        self._limiter_log["duration_s"].units = "s"
-        self.file.sync()
-        self._flushed = clock.monotonic()
+        self._events: list[tuple[float, str, str]] = []
+        self._limiters: list[tuple[str, float, float, int]] = []
 
-    def _table(self, name: str, columns: Mapping[str, Any]) -> dict[str, netCDF4.Variable]:
+    def _table(self, name: str, columns: Mapping[str, str], rows: Sequence[tuple[Any, ...]]) -> None:
+        """A group of one variable a column; texts in fixed width, since HDF5 fails on others of a file opened twice."""
         group = self.file.createGroup(name)
-        group.createDimension("row", None)
-        return {column: group.createVariable(column, kind, ("row",)) for column, kind in columns.items()}
+        group.createDimension("row", len(rows))
+        for k, (column, kind) in enumerate(columns.items()):
+            values = [row[k] for row in rows]
+            if kind == "text":
+                texts = np.array([text.encode() for text in values], "S")
+                width = max(1, texts.itemsize)
+                group.createDimension(f"{column}_length", width)
+                variable = group.createVariable(column, "S1", ("row", f"{column}_length"))
+                variable.set_auto_chartostring(False)
+                variable[:] = texts.astype(f"S{width}").view("S1").reshape(len(rows), width)
+                variable.setncattr("_Encoding", "utf-8")
+            else:
+                variable = group.createVariable(column, kind, ("row",))
+                variable[:] = values
+                if kind == "f8":
+                    variable.units = "s"
 
     def append(
         self,
@@ -188,33 +197,26 @@ class ResultsWriter:
         if any(layer.shape != shape for layer in layers):
             raise ValueError(f"group {group!r} expects arrays of shape {shape}, got {[a.shape for a in layers]}")
         self.groups[group].append(time, layers)
-        if clock.monotonic() - self._flushed > FLUSH_S:
-            self.flush()
 
     def events(self, rows: Iterable[tuple[float, str, str]]) -> None:
         """Add to the event log: time [s], source (equipment or command), text."""
-        for t, source, text in rows:
-            n = len(self._event_log["time"])
-            for column, item in zip(("time", "source", "text"), (t, source, text), strict=True):
-                self._event_log[column][n] = item
+        self._events += rows
 
     def limiters(self, rows: Iterable[tuple[str, float, float, int]]) -> None:
-        """Write the log of active limiters anew: signal, first time active [s], total duration [s], how often."""
-        for n, row in enumerate(rows):
-            for column, item in zip(("signal", "first_s", "duration_s", "count"), row, strict=True):
-                self._limiter_log[column][n] = item
-
-    def flush(self) -> None:
-        """Put everything on the disk; what has been given so far survives the process."""
-        for group in self.groups.values():
-            group.write()
-        self.file.sync()
-        self._flushed = clock.monotonic()
+        """Add to the log of active limiters: signal, first time active [s], total duration [s], how often."""
+        self._limiters += rows
 
     def close(self) -> None:
         """Write what waits, and close the file; a second call does nothing."""
-        if self.file.isopen():
-            self.flush()
+        if not self.file.isopen():
+            return
+        try:
+            for group in self.groups.values():
+                group.write()
+            self._table("events", {"time": "f8", "source": "text", "text": "text"}, self._events)
+            limiters = {"signal": "text", "first_s": "f8", "duration_s": "f8", "count": "i8"}
+            self._table("limiters", limiters, self._limiters)
+        finally:
             self.file.close()
 
     def __enter__(self) -> ResultsWriter:

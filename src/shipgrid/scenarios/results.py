@@ -21,6 +21,7 @@ import numpy as np
 
 from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED
 
 if TYPE_CHECKING:
     import xarray
@@ -57,7 +58,8 @@ class Results:
     Parameters
     ----------
     folder : Path or str
-        Output folder of a run, with `results.nc`; `summary.json` and `run.yaml` are missing while it goes on.
+        Output folder of a run. One that goes on, or was killed, has no `summary.json`; its `results.nc` is made
+        when it is opened, as far as the run's last snapshot.
 
     Attributes
     ----------
@@ -77,13 +79,17 @@ class Results:
 
         self.folder = Path(folder)
         path = self.folder / "results.nc"
+        summary, log = self.folder / "summary.json", self.folder / UNFINISHED
+        if not summary.is_file() and (log / SNAPSHOT).is_file():
+            from shipgrid.scenarios.row_log import recover_results
+
+            recover_results(self.folder, log, log / SNAPSHOT)
         if not path.is_file():
             raise InputErrors([f"{self.folder}: no results.nc here, expected the output folder of a run"])
         try:
             self._file = netCDF4.Dataset(path, "r")
         except OSError as error:
             raise InputErrors([f"{path}: cannot be read as NetCDF-4 ({error})"]) from error
-        summary = self.folder / "summary.json"
         self.summary: dict[str, Any] = json.loads(summary.read_text()) if summary.is_file() else {}
         self._where: dict[str, str] = {}
         self._windows: dict[str, list[str]] = {}  # groups of the waveform windows that have a signal

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shutil
 import signal
 import subprocess
 import threading
@@ -28,28 +29,46 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.automation.interlocks import PERIOD, Interlocks
-from shipgrid.errors import ParameterError, SolverError
+from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
+from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import seconds
-from shipgrid.scenarios.output_folder import prepare
-from shipgrid.scenarios.recorder import ResultsWriter
+from shipgrid.scenarios.output_folder import (
+    MARK,
+    SNAPSHOT,
+    UNFINISHED,
+    OutputFolder,
+    check_room,
+    finish,
+    prepare,
+    sync_folder,
+    taken_over,
+    unfinished,
+    write_text,
+)
+from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
+from shipgrid.scenarios.row_log import RowLog, make_results
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
+SUMMARY = "summary.json"
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
 TRIAL_STEPS = 2000
 """Steps that are timed to tell how long a run will take: some ten milliseconds."""
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
-BYTES_PER_VALUE = 16
-"""Disk space set aside before a run starts: four single-precision numbers a recorded value, before compression."""
+SNAPSHOT_S = 10.0
+"""Wall-clock time [s] between two snapshots of a run under way: what is lost when it is killed."""
+BYTES_PER_VALUE = 2 * 16
+"""Disk space set aside before a run starts: four single-precision numbers a recorded value, as rows while the run goes
+on, and in the results made of them, before compression."""
 
 Progress = Callable[[float, float], None]
 
 
 class Writer(Protocol):
-    """Where rows go: `ResultsWriter`, or a memory of them; it keeps no array that it is handed."""
+    """Where rows go: `RowLog`, or a memory of them; it keeps no array that it is handed."""
 
     def append(
         self,
@@ -73,11 +92,48 @@ class Run:
     wall_s: float = 0.0
     interrupted: bool = False
     failure: str = ""
+    continued: bool = False
 
     @property
     def t(self) -> float:
         """Simulated time [s]."""
         return self.work.n * self.plan.h
+
+
+@dataclass
+class Keeper:
+    """Writes the snapshots of a run under way.
+
+    Parameters
+    ----------
+    path : Path
+        Of the snapshot.
+    log : RowLog
+        Where the run's rows go.
+    interlocks : Interlocks or None
+        They remember what is held back.
+    about : dict
+        What does not change during the run.
+    """
+
+    path: Path
+    log: RowLog
+    interlocks: Interlocks | None
+    about: dict[str, Any]
+    written: float = 0.0
+
+    def look(self, run: Run) -> None:
+        """Write a snapshot if it is time to; the buffers of the workspace are empty."""
+        if time.monotonic() - self.written >= SNAPSHOT_S:
+            self.write(run)
+
+    def write(self, run: Run) -> None:
+        """Put the rows on the disk, then the snapshot that goes with them."""
+        moving = {"rows": self.log.sync(), "events": run.events, "limiters": limiter_rows(run), "wall_s": run.wall_s}
+        if self.interlocks is not None:
+            moving |= {"held": self.interlocks.held, "said": self.interlocks.said}
+        snapshot.write(self.path, run.work, self.about | moving)
+        self.written = time.monotonic()
 
 
 def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
@@ -138,6 +194,8 @@ def simulate(
     planned: Callable[[float], None] | None = None,
     overrides: Mapping[str, str] | None = None,
     waveforms: Sequence[tuple[float, float]] = (),
+    resume: bool = False,
+    found: Callable[[float, Path], None] | None = None,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
 
@@ -158,11 +216,16 @@ def simulate(
     progress : callable, optional
         Called with simulated time and end time [s] several times a second.
     planned : callable, optional
-        Called once, before the first step, with the wall-clock time [s] that all steps will take, judged by a trial.
+        Called once, before the first step, with the wall-clock time [s] that the steps will take, judged by a trial.
     overrides : mapping of str to str, optional
         `--set` entries the ship and the scenario were made with, for `run.yaml`.
     waveforms : sequence of (float, float)
         Windows [s], from and to, in which every step is recorded, phase quantities too.
+    resume : bool
+        Continue the unfinished run of that output folder from its last snapshot; its end may be another one. The
+        results are those of a run that was never interrupted, to the last bit.
+    found : callable, optional
+        Called once, before a run is continued, with the simulated time [s] it has got to, and the folder it lies in.
 
     Returns
     -------
@@ -173,8 +236,11 @@ def simulate(
     ------
     ParameterError
         If fidelity, step, end, a window or the output folder cannot be used; nothing is written then.
+    InputErrors
+        If there is nothing to continue, or only runs of another ship, scenario, step or program, with what differs.
     SolverError
-        If the run diverged; what was computed before is in the output folder.
+        If the run diverged; what was computed before is in the output folder. If the disk is full; what was computed
+        stays beside the output folder, to be continued.
     SteadyStateError
         If the start state asked for does not exist.
     """
@@ -190,30 +256,119 @@ def simulate(
         raise ParameterError(f"until = {end!r} s is not a positive time")
     plan = build(ship, h, fidelity)
     windows = merged(waveforms, h, end)
-    folder = prepare(Path(out or f"results/{scenario.name}-{fidelity}"), _bytes_needed(plan, end, windows))
+    place = Path(out or default_place(scenario, fidelity))
+    whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
+    if resume:
+        folder, saved, arrays = _unfinished_run(place, plan, whole, end, windows)
+    else:
+        folder, saved, arrays = prepare(place, _bytes_needed(plan, end, windows)), {}, {}
     try:
-        work, drift = start(plan, ship, scenario)
         about = provenance(plan)
+        if resume:
+            work = snapshot.restore(plan, saved["n"], arrays)
+            run = Run(plan, work, [(t, who, what) for t, who, what in saved["events"]], saved["wall_s"], continued=True)
+            saved["continued_at_s"].append(run.t)
+            if found is not None:
+                found(run.t, saved["from"])
+        else:
+            work, drift = start(plan, ship, scenario)
+            run = Run(plan, work)
+            saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
-        (folder.path / "run.yaml").write_text(text)
+        write_text(folder.path / MARK, text)
+        if planned is not None:
+            planned(time_of_a_step(plan, work) * (round(end / h) - work.n))
+        folder.unfinished.mkdir(exist_ok=True)
+        log = RowLog(folder.unfinished, *_recorded(plan, windows), about, saved.get("rows"))
+        sync_folder(folder.path)
+        sync_folder(folder.path.parent)
     except BaseException:
-        folder.discard()
+        if resume and (folder.unfinished / SNAPSHOT).is_file():
+            folder.release()
+        else:
+            folder.discard()
         raise
-    run = Run(plan, work)
-    if planned is not None:
-        planned(time_of_a_step(plan, work) * round(end / h))
+    interlocks = Interlocks(ship, plan)
+    if interlocks is not None:
+        interlocks.held |= saved.get("held", {})
+        interlocks.said |= saved.get("said", {})
+    saved["startup_s"] += time.perf_counter() - began
+    kept = {name: saved[name] for name in ("startup_s", "drift", "before", "continued_at_s")} | {"identity": whole}
+    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, kept)
     try:
-        _record(run, ship, scenario, fidelity, end, folder.path, progress, about, drift, began, windows)
-    except (OSError, RuntimeError) as error:  # the disk is full, say
-        raise SolverError(f"the results could not be written beyond {run.t:g} s: {error}") from error
-    finally:  # what is on the disk is kept, whatever happened
-        final = folder.commit()
+        with log:
+            if not run.continued:
+                _first_rows(run, log)
+            said = partial(command_text, ship)
+            go(run, scenario.events, end, log, progress, said, None, interlocks, windows, keeper)
+        _conclude(run, ship, scenario, fidelity, folder, about, kept)
+    except BaseException as error:
+        folder.release()
+        if isinstance(error, (OSError, RuntimeError)):  # the disk is full, say
+            raise SolverError(
+                f"the results could not be written beyond {run.t:g} s: {error}; what was computed is in {folder.path}, "
+                "and --resume continues it"
+            ) from error
+        raise
+    final = folder.commit()
     if report:
         with open_results(final) as written:
             written.report(final / "report.html")
+    if not run.interrupted:
+        finish(final)
     if run.failure:
         raise SolverError(f"{run.failure}; results up to then are in {final}")
     return open_results(final)
+
+
+def default_place(scenario: Any, fidelity: str) -> Path:
+    """Folder of the results of a scenario's runs."""
+    return Path(f"results/{scenario.name}-{fidelity}")
+
+
+def _unfinished_run(
+    place: Path, plan: Plan, whole: Mapping[str, Any], end: float, windows: Sequence[Window]
+) -> tuple[OutputFolder, dict[str, Any], dict[str, np.ndarray]]:
+    """The run of a plan that got furthest towards a place: a folder to write it on in, and what its snapshot has."""
+    fitting, problems = [], []
+    for path in unfinished(place):
+        try:
+            saved, arrays = snapshot.read(path / UNFINISHED / SNAPSHOT)
+        except InputErrors as wrong:
+            problems += wrong.problems
+            continue
+        differing = snapshot.differences(saved["identity"], whole)
+        if differing:
+            problems += [f"--resume: the unfinished run in {path} is another one:", *(f"  {d}" for d in differing)]
+        elif saved["n"] > round(end / plan.h):
+            at = f"{saved['n'] * plan.h:g} s"
+            problems.append(f"--resume: the unfinished run in {path} is at {at} already, expected a later end")
+        else:
+            fitting.append((saved, path, arrays))
+    if not fitting:
+        beside = f"{place.parent}/.{place.name}-*"
+        state = f"{place} has a finished run" if (place / MARK).is_file() else f"there is no {place}"
+        problems = problems or [
+            f"--resume: nothing to continue: {state}, and no unfinished one lies beside it ({beside})"
+        ]
+        raise InputErrors(problems)
+    saved, path, arrays = max(fitting, key=lambda found: found[0]["n"])
+    saved["from"] = path
+    needed = _bytes_needed(plan, end - saved["n"] * plan.h, windows)
+    if path == Path(os.path.abspath(place)):  # interrupted, and put there: it stays until there is more
+        folder = prepare(place, needed)
+        try:
+            shutil.copytree(path / UNFINISHED, folder.unfinished, ignore=lambda *_: {SNAPSHOT})
+        except BaseException:
+            folder.discard()
+            raise
+        return folder, saved, arrays
+    check_room(place, needed)
+    folder = taken_over(path, place)
+    if folder is None:
+        raise InputErrors([f"--resume: the unfinished run in {path} is being run by another process"])
+    (path / SUMMARY).unlink(missing_ok=True)  # of an end that was not reached
+    return folder, saved, arrays
 
 
 def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
@@ -236,37 +391,30 @@ def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> flo
     return (time.perf_counter() - began) / steps
 
 
-def _record(
+def _recorded(plan: Plan, windows: Sequence[Window]) -> tuple[dict[str, Sequence[Column]], dict[str, float]]:
+    """Columns and sampling period of each group that is recorded."""
+    columns: dict[str, Sequence[Column]] = {
+        group: [(n, plan.network.published[n].unit, plan.network.published[n].description) for n in names]
+        for group, names in plan.groups.items()
+    }
+    columns |= dict.fromkeys((w.group for w in windows), window_columns(plan))
+    return columns, plan.record_period | dict.fromkeys((w.group for w in windows), plan.h)
+
+
+def _conclude(
     run: Run,
     ship: Any,
     scenario: Any,
     fidelity: str,
-    end: float,
-    folder: Path,
-    progress: Progress | None,
+    place: OutputFolder,
     about: Mapping[str, str],
-    drift: float,
-    began: float,
-    windows: Sequence[Window],
+    kept: dict[str, Any],
 ) -> None:
-    """Run to the end, and write results and summary into a folder."""
-    plan, work = run.plan, run.work
-    before = stored_energy(plan, work)
-    columns = {
-        group: [(n, plan.network.published[n].unit, plan.network.published[n].description) for n in names]
-        for group, names in plan.groups.items()
-    }
-    periods = plan.record_period | dict.fromkeys((w.group for w in windows), plan.h)
-    columns |= dict.fromkeys((w.group for w in windows), window_columns(plan))
-    with ResultsWriter(folder, columns, periods, about) as writer:
-        _first_rows(run, writer)
-        startup_s = time.perf_counter() - began
-        said, interlocks = partial(command_text, ship), Interlocks(ship, plan)
-        go(run, scenario.events, end, writer, progress, said, interlocks=interlocks, windows=windows)
-        writer.events(run.events)
-        limiters = limiter_rows(run)
-        writer.limiters(limiters)
-    energy, imbalance = energy_balance(plan, work, before)
+    """Write results and summary of a run into its folder."""
+    plan, work, folder = run.plan, run.work, place.path
+    limiters = limiter_rows(run)
+    make_results(folder, place.unfinished, run.events, limiters)
+    energy, imbalance = energy_balance(plan, work, kept["before"])
     summary: dict[str, Any] = {
         "scenario": scenario.name,
         "ship": ship.name,
@@ -275,22 +423,24 @@ def _record(
         "simulated_s": run.t,
         "steps": work.n,
         "wall_s": run.wall_s,
-        "startup_s": startup_s,
+        "startup_s": kept["startup_s"],
         "us_per_step": 1e6 * run.wall_s / max(1, work.n),
-        "start_drift_per_s": drift,
+        "start_drift_per_s": kept["drift"],
         "energy": energy,
         "energy_balance_error": imbalance,
         "interrupted": run.interrupted,
+        "continued_at_s": kept["continued_at_s"],
         "failure": run.failure,
         "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
         **about,
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1))
+    (folder / SUMMARY).write_text(json.dumps(summary, indent=1))
     with open_results(folder) as written:
         figures = {name: summary[name] for name in FIGURES}
         summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
         summary["class_limits"] = [v.as_dict() for v in class_verdicts(ship, written)]
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1))
+    write_text(folder / SUMMARY, json.dumps(summary, indent=1))
+    sync_folder(folder)
 
 
 def go(
@@ -303,6 +453,7 @@ def go(
     places: Mapping[str, int] | None = None,
     interlocks: Interlocks | None = None,
     windows: Sequence[Window] = (),
+    keeper: Keeper | None = None,
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -326,6 +477,8 @@ def go(
         What may hold back a command; every command is obeyed if left out.
     windows : sequence of Window
         Where every step is recorded, each into its own group of the writer.
+    keeper : Keeper, optional
+        What writes snapshots, between two chunks.
     """
     plan, work = run.plan, run.work
     places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
@@ -333,11 +486,16 @@ def go(
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
     pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
+    if run.continued:  # it has been given the others
+        pending = [command for command in pending if command[0] >= work.n]
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
     waves = WaveRecorder(plan, work, windows)
-    waves.first(writer)
-    began = time.perf_counter()
+    if not run.continued:
+        waves.first(writer)
+    if keeper is not None:
+        keeper.write(run)  # so that there is something to continue at any instant
+    began = time.perf_counter() - run.wall_s
     with _Interrupt() as interrupt:
         while work.n < last and not interrupt.asked:
             now_due: dict[str, float] = {}
@@ -346,7 +504,7 @@ def go(
                 if path in now_due:  # the later of two commands of one step counts, and both are in the log
                     run.events.append((run.t, path, said(path, now_due[path])))
                 now_due[path] = value
-            _command(run, interlocks, now_due, places, said)
+            _command(run, interlocks, now_due, places, said, look=work.n % look == 0)
             stop = min(last, work.n + chunk, pending[0][0] if pending else last, waves.until(work.n))
             if interlocks is not None and interlocks.held:
                 stop = min(stop, (work.n // look + 1) * look)  # whole multiples: the same in every run
@@ -360,18 +518,23 @@ def go(
                 run.failure = culprit(plan, work)
                 run.events.append((run.t, plan.network.name, run.failure))
                 break
+            run.wall_s = time.perf_counter() - began
+            if keeper is not None:
+                keeper.look(run)
             if took > 0.0:
-                chunk = int(min(most, max(500, chunk * WALL_PER_CHUNK / took)))
+                chunk = int(min(most, max(500, done * WALL_PER_CHUNK / took)))
             if progress is not None:
                 try:
                     progress(run.t, end)
                 except KeyboardInterrupt:
                     interrupt.asked = True
         if interrupt.asked and work.n < last:
+            if keeper is not None:
+                keeper.write(run)
             run.interrupted = True
             run.events.append((run.t, plan.network.name, "interrupted"))
     _last_rows(run, writer)
-    run.wall_s += time.perf_counter() - began
+    run.wall_s = time.perf_counter() - began
 
 
 def _command(
@@ -380,8 +543,13 @@ def _command(
     commands: Mapping[str, float],
     places: Mapping[str, int],
     said: Callable[[str, float], str],
+    *,
+    look: bool,
 ) -> None:
-    """Give the commands of this instant, look again at what is held back, and log what became of each."""
+    """Give the commands of this instant, look again at what is held back, and log what became of each.
+
+    Without commands only at instants to `look`: others are those where this run happened to stop for a moment.
+    """
     sig = run.work.sig
     if interlocks is None:
         for path, value in commands.items():
@@ -390,7 +558,7 @@ def _command(
         return
     for again, verdicts in (
         (False, interlocks.give(sig, commands) if commands else []),
-        (True, interlocks.again(sig) if interlocks.held else []),
+        (True, interlocks.again(sig) if interlocks.held and (look or commands) else []),
     ):
         for path, value, reason in verdicts:
             text = said(path, value) + (", as it had been asked to" if again else "")
@@ -442,7 +610,7 @@ def recorded_groups(plan: Plan) -> tuple[tuple[str, int, slice], ...]:
     )
 
 
-def _first_rows(run: Run, writer: ResultsWriter) -> None:
+def _first_rows(run: Run, writer: RowLog) -> None:
     first = run.work.sig[run.plan.step.recorded][None, :]
     for group, _, part in recorded_groups(run.plan):
         writer.append(group, np.zeros(1), *(first[:, part],) * 4)
@@ -557,10 +725,14 @@ def _git(folder: Path, *words: str) -> str:
     return done.stdout.strip()
 
 
+def _spans(windows: Sequence[Window], h: float) -> str | None:
+    return ", ".join(f"{w.first * h!r} s to {w.last * h!r} s" for w in windows) or None
+
+
 def _bytes_needed(plan: Plan, end: float, windows: Sequence[Window]) -> int:
     values = sum(BYTES_PER_VALUE * len(names) * end / plan.record_period[group] for group, names in plan.groups.items())
     rows = sum(window.last - window.first + 1 for window in windows)
-    return int(values) + rows * (4 * len(window_columns(plan)) + 8) + 4_000_000
+    return int(values) + 2 * rows * (4 * len(window_columns(plan)) + 8) + 8_000_000
 
 
 def _run_yaml(
