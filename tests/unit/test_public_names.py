@@ -16,6 +16,13 @@ def test_importing_the_package_imports_none_of_its_parts():
     assert done.stdout.strip() == "[]"
 
 
+def test_a_run_starts_without_what_only_a_look_at_its_results_needs():
+    late = ("scipy.signal", "xarray", "jinja2")
+    code = f"import sys\nfrom shipgrid.scenarios import runner\nprint([m for m in {late} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_every_public_name_has_one_home_and_is_listed():
     homes = [name for names in shipgrid._HOMES.values() for name in names]
     assert sorted([*homes, "__version__"]) == sorted(shipgrid.__all__)

@@ -23,7 +23,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import czt
 
 INTERVAL = 0.2
 """Time [s] of the standard: 10 cycles of 50 Hz, 12 of 60 Hz."""
@@ -198,6 +197,8 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
     ValueError
         If there is less than one cycle.
     """
+    from scipy.signal import czt  # a second to import, and most runs never come here
+
     h = (time[-1] - time[0]) / (len(time) - 1)
     cycles = math.floor(min(time[-1] - time[0], INTERVAL) * f_1 + 1e-6)
     if cycles < 1:
