@@ -276,10 +276,9 @@ def test_current_loop_has_the_published_poles(R_d, expected):
         assert np.abs(poles - pole).min() < 1.0  # printed to 1 rad/s
 
 
-@pytest.mark.parametrize(("load", "expected"), [(0.0, (-162.7 + 297.7j, -2.52)), (1.0, (-109 + 262j, -3.42))])
-def test_dc_loop_has_the_published_poles(load, expected):
-    # C = 10 mF, the current follows its reference with a lag of 3.66 ms, constant-power load, no filter
-    p, _ = parameter_record(RectifierControl(), "c16")
+def dc_loop_poles(control, load):
+    """Poles [1/s] of the DC voltage loop: 10 mF, current with a lag of 3.66 ms, constant-power load [pu], no filter."""
+    p, _ = parameter_record(control, "c16")
     inertia = 10e-3 * 750.0**2 / 596e3  # s
 
     def rate(v, i, x_i):
@@ -288,7 +287,12 @@ def test_dc_loop_has_the_published_poles(load, expected):
         capacitor = (0.5 + i - 0.5 - load / (1.0 + v) + load) / inertia
         return np.array([capacitor, (i_d_ref - 0.5 - i) / 3.66e-3, x_next.pi.i - x.pi.i]).imag / 1e-40
 
-    poles = np.linalg.eigvals(np.column_stack([rate(*column) for column in 1e-40j * np.eye(3)]))
+    return np.linalg.eigvals(np.column_stack([rate(*column) for column in 1e-40j * np.eye(3)]))
+
+
+@pytest.mark.parametrize(("load", "expected"), [(0.0, (-162.7 + 297.7j, -2.52)), (1.0, (-109 + 262j, -3.42))])
+def test_dc_loop_has_the_published_poles(load, expected):
+    poles = dc_loop_poles(RectifierControl(), load)
     for pole in expected:
         assert np.abs(poles - pole).min() < 0.6  # printed to three or four digits
 
@@ -300,16 +304,7 @@ def reading_a(**changes):
 
 @pytest.mark.parametrize(("load", "expected"), [(0.0, (-253.0, -19.8, -2.89)), (1.0, (89.7,))])
 def test_reading_a_of_the_dc_loop_has_the_published_poles(load, expected):
-    p, _ = parameter_record(RectifierControl(**reading_a()), "c16")
-    inertia = 10e-3 * 750.0**2 / 596e3  # s
-
-    def rate(v, i, x_i):
-        x, x_next = (make_record(dc_voltage.DcVoltageState, {"pi.i": 0.5 + x_i}, "c16") for _ in range(2))
-        i_d_ref = dc_voltage.dc_voltage(1.025 + 0j, 1.0 + v, 0.5 + i, 0j, 1.0 + 0j, 9.0 + 0j, p, 1.0, x, x_next)
-        capacitor = (0.5 + i - 0.5 - load / (1.0 + v) + load) / inertia
-        return np.array([capacitor, (i_d_ref - 0.5 - i) / 3.66e-3, x_next.pi.i - x.pi.i]).imag / 1e-40
-
-    poles = np.linalg.eigvals(np.column_stack([rate(*column) for column in 1e-40j * np.eye(3)]))
+    poles = dc_loop_poles(RectifierControl(**reading_a()), load)
     for pole in expected:
         assert np.abs(poles - pole).min() < 1.0  # printed to three digits
 
