@@ -22,6 +22,7 @@ from shipgrid.model.network import AcBus, DcBus, Every, Legs, Network, Placed, P
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
+from shipgrid.solvers.pacing import PaceWork, no_pace
 from shipgrid.solvers.topology import elimination_order, later_neighbours
 
 ABSURD = {DcBus: 3.0, AcBus: 4.0}
@@ -77,7 +78,7 @@ class StepWork(NamedTuple):
     plant_rows: np.ndarray  # (4, rows, signals): values, and lows, highs, means since the row before
     slow_rows: np.ndarray
     interval: np.ndarray  # (signals, 3): low, high and sum since the last row
-    wave_row: np.ndarray  # (1,) next row of a waveform window, or -1 outside
+    wave_row: np.ndarray  # (1,) rows of waveform windows since they were emptied; outside of one, -1 minus that
     wave_rows: np.ndarray  # (rows, signals)
     energy: np.ndarray
     limiter_time: np.ndarray  # (limiters, 3): seconds active, first time, times it came on
@@ -145,6 +146,7 @@ class Workspace:
     sig: np.ndarray
     net: NetworkWork
     step: StepWork
+    pace: PaceWork
 
     def snapshot(self) -> Workspace:
         """An independent copy."""
@@ -336,7 +338,7 @@ def new_workspace(plan: Plan) -> Workspace:
         event_value=np.zeros(EVENTS),
         event_count=np.zeros(1, dtype=np.int64),
     )
-    return Workspace(0, sig, net, step)
+    return Workspace(0, sig, net, step, no_pace())
 
 
 def terms_of(public: PublicSignal | Waveform) -> tuple[tuple[str, float], ...]:

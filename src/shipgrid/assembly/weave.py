@@ -30,8 +30,9 @@ from shipgrid.model.component import STAGES
 from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, without_sign
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
-from shipgrid.solvers import bookkeeping, conduction, nodal
+from shipgrid.solvers import bookkeeping, conduction, nodal, pacing
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
+from shipgrid.solvers.pacing import PaceWork
 
 HASHED = ("model", "components", "controllers", "modulators", "equipment", "automation", "solvers", "assembly")
 """Folders whose sources can change what a woven module computes."""
@@ -110,7 +111,7 @@ def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], di
         **plan.net._asdict(),
         **plan.step._asdict(),
     }
-    moving: dict[str, Any] = {"sig": work.sig, **work.net._asdict(), **work.step._asdict()}
+    moving: dict[str, Any] = {"sig": work.sig, **work.net._asdict(), **work.step._asdict(), **work.pace._asdict()}
     for t in plan.layout.types:
         moving |= dict(type_views(plan, work, t))
         constant |= {f"{t.kind.key}_{name}": value for name, value in plan.gathers.get(t.kind.key, {}).items()}
@@ -207,6 +208,9 @@ def weave(plan: Plan) -> str:
         "for k in range(n_steps):",
         "    done = first_step + k + 1",
         "    t = (done - 1) * h",
+        "    live = pacer[0].on != 0",
+        f"    if live and {_shared(pacing.begin_step)}:",
+        "        return k",
         f"    {_shared(bookkeeping.tick_clocks)}",
         *(f"    {line}" for line in calls),
         f"    if {_shared(bookkeeping.record)}:",
@@ -214,6 +218,8 @@ def weave(plan: Plan) -> str:
         f"        wrong = {_shared(bookkeeping.audit)}",
         "        if wrong >= 0:",
         "            bad = wrong",
+        "    if live:",
+        f"        {_shared(pacing.end_step)}",
         "    if bad >= 0:",
         "        return -(k + 1)",
         "return n_steps",
@@ -224,7 +230,7 @@ def weave(plan: Plan) -> str:
         [
             '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
             "from shipgrid.model.kernel import array_view, entry_point, kernel",
-            "from shipgrid.solvers import bookkeeping, conduction, nodal",
+            "from shipgrid.solvers import bookkeeping, conduction, nodal, pacing",
             *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
             "",
             *(f"{name} = array_view({element}, {ndim})" for (element, ndim), name in views.items()),
@@ -243,6 +249,7 @@ SHARED = (
     *NetworkWork._fields,
     *StepPlan._fields,
     *StepWork._fields,
+    *PaceWork._fields,
 )
 """Names that every function of a woven module may use."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +21,8 @@ import typer
 VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
 LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
 SCHEMAS = ("ship", "scenario")
+PERCENTILES = ("p50", "p99", "p99.99", "worst")
+WORST_SHOWN = 5
 
 app = typer.Typer(
     name="shipgrid",
@@ -98,7 +101,7 @@ def run(
 @app.command()
 def live(
     scenario: ScenarioArgument = "mission",
-    ship: ShipOption = "ferry",
+    ship: RunShipOption = None,
     fidelity: FidelityOption = None,
     step: StepOption = None,
     until: UntilOption = None,
@@ -107,14 +110,40 @@ def live(
     waveforms: WaveformsOption = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
-    cores: Annotated[str | None, typer.Option(help="Cores to run on, such as 0,1.")] = None,
+    cores: Annotated[str | None, typer.Option(help="Processor core to run the steps on, such as 1.")] = None,
     factor: Annotated[float, typer.Option(help="Simulated over wall-clock time.")] = 1.0,
+    overrun: Annotated[
+        str,
+        typer.Option(help="After an overrun: catch up, or let the plan begin anew.", metavar="catch-up|re-anchor"),
+    ] = "catch-up",
     console: Annotated[str | None, typer.Option(help="Serve the operator console.", metavar="HOST:PORT")] = None,
     modbus: Annotated[str | None, typer.Option(help="Serve Modbus TCP.", metavar="HOST:PORT")] = None,
     udp: Annotated[str | None, typer.Option(help="Send and receive UDP.", metavar="HOST:PORT")] = None,
 ) -> None:
-    """Run a scenario paced to the wall clock (not in this version)."""
-    _refuse("live: this version has no real-time execution yet; `shipgrid run` runs the same scenario offline")
+    """Run a scenario paced to the wall clock, at 30 us unless a step is given; Ctrl-C stops it, --resume goes on.
+
+    A step that ends too late is an overrun; how many there were, how late, and why, is said at the end.
+    """
+    for option, value in (("console", console), ("modbus", modbus), ("udp", udp)):
+        if value is not None:
+            _refuse(f"--{option}: not in this version")
+    with _errors_as_exit_status():
+        from shipgrid.realtime.executive import Executive
+        from shipgrid.scenarios.runner import DEFAULT_STEP
+
+        executive = Executive(factor, overrun, _core(cores))
+        if resume:
+            scenario, out = _unfinished_case(scenario, out)
+        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
+        case.options["step"] = case.options["step"] or DEFAULT_STEP  # not the scenario's: that is for offline runs
+        place = out or Path(f"results/{case.scenario.name}-live")
+        results = _simulate(case, place, report=not no_report, resume=resume, live=executive)
+        _say_results(results)
+        _say_realtime(results.summary["realtime"])
+        if results.summary.get("interrupted"):
+            raise typer.Exit(INTERRUPTED)
+        if not results.ok:
+            raise typer.Exit(VIOLATED)
 
 
 @app.command()
@@ -316,7 +345,7 @@ def _case(
             problems.append(f"--set {text}: is not PATH=VALUE, such as equipment.bess_for.capacity='160 Ah'")
         else:
             overrides.append((path.strip(), value.strip()))
-    document = open_document("scenario", scenario)
+    document, given = open_document("scenario", scenario), ()
     try:
         if is_run_file(document):
             if ship is not None:
@@ -325,6 +354,7 @@ def _case(
             loaded_ship, loaded_scenario, overrides = repeated.ship, repeated.scenario, list(repeated.overrides.items())
             fidelity, step_s = fidelity or repeated.fidelity, step_s or repeated.step
             until_s, windows = until_s or repeated.until, windows or list(repeated.waveforms)
+            given = repeated.outside
             _say_version(scenario, repeated)
         else:
             loaded_ship, loaded_scenario = read_case(open_document("ship", ship or "ferry"), document, overrides)
@@ -342,7 +372,7 @@ def _case(
     if problems:
         raise InputErrors(problems)
     options: dict[str, Any] = {"fidelity": fidelity or "averaged", "step": step_s, "until": until_s}
-    options |= {"waveforms": windows} if windows else {}
+    options |= ({"waveforms": windows} if windows else {}) | ({"outside": given} if given else {})
     return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
 
 
@@ -383,7 +413,19 @@ def _window(text: str, problems: list[str]) -> tuple[float, float] | None:
     return None
 
 
-def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool) -> Any:
+def _core(cores: str | None) -> int | None:
+    """The processor core that `--cores` names."""
+    from shipgrid.errors import InputErrors
+
+    if cores is None:
+        return None
+    present = range(os.cpu_count() or 1)
+    if not cores.isdecimal() or int(cores) not in present:
+        raise InputErrors([f"--cores: '{cores}' is no core of this machine, expected one of 0 to {present[-1]}"])
+    return int(cores)
+
+
+def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live: Any = None) -> Any:
     """Say what will be done, then do it behind a progress bar."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -422,7 +464,9 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool) -> An
 
         def planned(seconds: float) -> None:
             each = 1e6 * seconds / max(1, round((end - begun) / step))
-            console.print(f"about {_duration(seconds)}: {each:.1f} us a step in a trial at the start", soft_wrap=True)
+            took = f"{each:.1f} us a step in a trial at the start"
+            paced = "" if live is None else f" of {1e6 * step / live.factor:.4g} us"
+            console.print(f"{took}{paced}" if paced else f"about {_duration(seconds)}: {took}", soft_wrap=True)
             bar.reset(task, speed="")
 
         def progress(now: float, total: float) -> None:
@@ -439,6 +483,7 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool) -> An
             planned=planned,
             resume=resume,
             found=found,
+            live=live,
             **options,
         )
 
@@ -503,6 +548,33 @@ def _say_results(results: Any) -> None:
         typer.echo(
             "interrupted: the results so far are kept; the same command with --resume continues the run", err=True
         )
+
+
+def _say_realtime(found: dict[str, Any]) -> None:
+    """Say what became of the clock, and of what would have helped it."""
+    from shipgrid.cli import listing
+    from shipgrid.realtime.monitor import LONGEST, NAMES
+
+    def micro(seconds: float | None) -> str:
+        more = ">= " if seconds is not None and seconds >= LONGEST else ""
+        return "" if seconds is None else f"{more}{1e6 * seconds:.2f}"
+
+    rows = [(name, *(micro(found[name].get(p)) for p in PERCENTILES)) for name in NAMES]
+    listing.table("time of a step, us", ("", *PERCENTILES), rows)
+    for worst in found["worst_steps"][:WORST_SHOWN]:
+        took = f"{1e6 * worst['computation_s']:.1f} us"
+        typer.echo(
+            f"at {worst['t_s']:.5f} s a step took {took}, begun {1e6 * worst['lateness_s']:.1f} us late: "
+            f"{worst['cause']}"
+        )
+    for group, rows_lost in found["rows_lost"].items():
+        typer.echo(f"{rows_lost} rows of {group} were lost: the disk was too slow", err=True)
+    said = "; ".join(f"{what}: {state}" for what, state in found["scheduling"].items())
+    typer.echo(
+        f"{said}; {found['stalls_while_waiting']} stalls of the machine while there was nothing to do, "
+        f"the longest {1e6 * found['longest_stall_s']:.0f} us"
+    )
+    typer.echo(found["verdict"])
 
 
 def _limits(verdict: Any) -> str:

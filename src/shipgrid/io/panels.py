@@ -67,6 +67,9 @@ PANELS = (
     Panel("Propeller thrust", "kN", "propeller", "thrust", 1e-3),
     Panel("Voltage of the AC bars", "pu", "ac", "v_pu", least=0.1),
     Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0, none=0.0),
+    Panel("Computation of a step", "µs", "realtime.core", "computation", 1e6),
+    Panel("Idle time of a step", "µs", "realtime.core", "idle", 1e6),
+    Panel("Overruns so far", "", "realtime.core", "overruns", least=1.0),
 )
 STATES = (
     ("dc_tie", "closed", {1: "closed"}),
@@ -83,7 +86,7 @@ COMMANDS = {
     ("rectifier", "v_dc_ref"): Command("voltage", "V"),
 }
 """Commands whose values are drawn as bars, from one event of that source to the next."""
-GIVEN = re.compile(r"set to ([-+.\deE]+)(?: \S+)?$")
+GIVEN = re.compile(r"set to ([-+.\deE]+)(?: \S+?)?(?:, by .*)?$")
 """Text of an event that gives a command a value in SI."""
 
 

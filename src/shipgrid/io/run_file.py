@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.scenario_file import Scenario, read_case
 from shipgrid.io.ship_file import Ship, check_head
 from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
+from shipgrid.scenarios.outside import Outside, read_outside
 
-KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "waveforms", "set", "ship", "scenario")
+KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "waveforms", "outside", "set", "ship", "scenario")
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class RunFile:
         The `--set` entries that are in the ship and the scenario already.
     waveforms : tuple of (float, float)
         Windows [s] in which every step was recorded.
+    outside : tuple of Outside
+        Commands that a live run was given while it ran.
     """
 
     ship: Ship
@@ -44,6 +48,7 @@ class RunFile:
     commit: str
     overrides: dict[str, str]
     waveforms: tuple[tuple[float, float], ...] = ()
+    outside: tuple[Outside, ...] = ()
 
 
 def is_run_file(document: Document) -> bool:
@@ -97,6 +102,13 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
             windows.append((start, end))
         except (ParameterError, ValueError):
             problems.add(item.place, "waveforms", "is not a window, expected FROM:TO, such as 170 s:170.2 s")
+    given: list[Outside] = []
+    file = Path(document.file).parent / text("outside", "a file of commands") if "outside" in root else None
+    if file is not None and file.is_file():  # a live run that nobody commanded has none
+        try:
+            given = read_outside(file)
+        except (OSError, ValueError) as wrong:
+            problems.add(root.entries["outside"].place, "outside", f"{file} cannot be read: {wrong}")
     changed = root.get("set")
     earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}
     problems.raise_if_any()
@@ -108,4 +120,5 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
         end = f"{loaded_scenario.duration:g} s"
         raise InputErrors([f"{root.entries['until'].place}: until: is not within the scenario, expected up to {end}"])
     overridden = {**earlier, **dict(pairs)}
-    return RunFile(loaded_ship, loaded_scenario, fidelity, step, until, version, commit, overridden, tuple(windows))
+    options = (fidelity, step, until, version, commit, overridden, tuple(windows), tuple(given))
+    return RunFile(loaded_ship, loaded_scenario, *options)

@@ -12,6 +12,8 @@ kernel as a C function: its wrapper for that is left out.
 from __future__ import annotations
 
 import ctypes
+import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain
@@ -21,6 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 from llvmlite import ir
 from numba import config, njit, types
+from numba.core import cgutils
 from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array, populate_array
@@ -111,6 +114,55 @@ def array_view(dtype: Any, ndim: int) -> Any:
         return array(table, types.int64), build
 
     return view
+
+
+CLOCKS = {"linux": 1, "darwin": 6}
+"""Number of the monotonic clock of the system's `clock_gettime`, where there is one."""
+
+
+def _clock() -> Any:
+    """What compiled code calls as `monotonic_ns()`: `time.monotonic_ns`; 0 on systems without a clock to ask."""
+
+    @intrinsic
+    def monotonic_ns(_context: Any) -> Any:
+        def build(_target: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+            word, half = ir.IntType(64), ir.IntType(32)
+            if sys.platform not in CLOCKS:
+                return word(0)
+            asked = ir.FunctionType(half, [half, word.as_pointer()])
+            read = cgutils.get_or_insert_function(builder.module, asked, "clock_gettime")
+            found = cgutils.alloca_once(builder, word, size=2)
+            builder.call(read, [half(CLOCKS[sys.platform]), found])
+            seconds, rest = builder.load(found), builder.load(builder.gep(found, [half(1)]))
+            return builder.add(builder.mul(seconds, word(1_000_000_000)), rest)
+
+        return types.int64(), build
+
+    return monotonic_ns
+
+
+def _fence() -> Any:
+    """What compiled code calls as `fence()`: what was written before is seen before what is written afterwards."""
+
+    @intrinsic
+    def fence(_context: Any) -> Any:
+        def build(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
+            builder.fence("release")
+            return context.get_dummy_value()
+
+        return types.void(), build
+
+    return fence
+
+
+if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
+    monotonic_ns: Any = time.monotonic_ns
+
+    def fence() -> None:
+        """Nothing: plain Python keeps the order."""
+
+else:
+    monotonic_ns, fence = _clock(), _fence()
 
 
 def _plain_view(element: np.dtype, ndim: int, table: np.ndarray, place: int) -> np.ndarray:

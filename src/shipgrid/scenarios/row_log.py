@@ -94,6 +94,11 @@ class RowLog:
             os.fsync(file.fileno())
         return {name: file.tell() // self.row[name].itemsize for name, file in self.files.items()}
 
+    def catch_up(self) -> None:
+        """Go on behind what another process has appended."""
+        for file in self.files.values():
+            file.seek(0, os.SEEK_END)
+
     def close(self) -> None:
         """Close the files, also those that the disk has no room for."""
         for file in self.files.values():

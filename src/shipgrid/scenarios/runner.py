@@ -28,7 +28,7 @@ from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
-from shipgrid.automation.interlocks import PERIOD, Interlocks
+from shipgrid.automation.interlocks import Interlocks
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios import snapshot
@@ -46,12 +46,15 @@ from shipgrid.scenarios.output_folder import (
     unfinished,
     write_text,
 )
+from shipgrid.scenarios.outside import COMMANDS, Outside, read_outside
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
+from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
 SUMMARY = "summary.json"
+REALTIME = "realtime.json"
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
 TRIAL_STEPS = 2000
@@ -65,6 +68,30 @@ BYTES_PER_VALUE = 2 * 16
 on, and in the results made of them, before compression."""
 
 Progress = Callable[[float, float], None]
+
+
+class Live(Protocol):
+    """What paces a run to the wall clock: `realtime.executive.Executive`."""
+
+    def groups(self, plan: Plan) -> tuple[dict[str, Sequence[Column]], dict[str, float]]:
+        """Columns and period [s] of the groups that are recorded besides the plant's."""
+        ...
+
+    def __call__(
+        self,
+        run: Run,
+        timeline: Any,
+        end: float,
+        log: RowLog,
+        progress: Progress | None,
+        said: Callable[[str, float], str],
+        interlocks: Interlocks | None,
+        windows: Sequence[Window],
+        keeper: Keeper,
+        outside: Sequence[Outside],
+    ) -> None:
+        """Step a run to its end."""
+        ...
 
 
 class Writer(Protocol):
@@ -93,6 +120,8 @@ class Run:
     interrupted: bool = False
     failure: str = ""
     continued: bool = False
+    realtime: dict[str, Any] = field(default_factory=dict)
+    """What the monitor of a live run has found."""
 
     @property
     def t(self) -> float:
@@ -196,6 +225,8 @@ def simulate(
     waveforms: Sequence[tuple[float, float]] = (),
     resume: bool = False,
     found: Callable[[float, Path], None] | None = None,
+    live: Live | None = None,
+    outside: Sequence[Outside] = (),
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
 
@@ -226,6 +257,10 @@ def simulate(
         results are those of a run that was never interrupted, to the last bit.
     found : callable, optional
         Called once, before a run is continued, with the simulated time [s] it has got to, and the folder it lies in.
+    live : Live, optional
+        What paces the run to the wall clock; it goes as fast as it can if left out.
+    outside : sequence of Outside
+        Commands that a live run was given while it ran, to be given again at the same steps.
 
     Returns
     -------
@@ -268,18 +303,23 @@ def simulate(
             work = snapshot.restore(plan, saved["n"], arrays)
             run = Run(plan, work, [(t, who, what) for t, who, what in saved["events"]], saved["wall_s"], continued=True)
             saved["continued_at_s"].append(run.t)
+            _forget_commands(folder.unfinished / COMMANDS, work.n)
             if found is not None:
                 found(run.t, saved["from"])
         else:
             work, drift = start(plan, ship, scenario)
             run = Run(plan, work)
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, live is not None)
         write_text(folder.path / MARK, text)
         if planned is not None:
             planned(time_of_a_step(plan, work) * (round(end / h) - work.n))
         folder.unfinished.mkdir(exist_ok=True)
-        log = RowLog(folder.unfinished, *_recorded(plan, windows), about, saved.get("rows"))
+        columns, periods = _recorded(plan, windows)
+        if live is not None:
+            more, of_more = live.groups(plan)
+            columns, periods = columns | more, periods | of_more
+        log = RowLog(folder.unfinished, columns, periods, about, saved.get("rows"))
         sync_folder(folder.path)
         sync_folder(folder.path.parent)
     except BaseException:
@@ -300,7 +340,11 @@ def simulate(
             if not run.continued:
                 _first_rows(run, log)
             said = partial(command_text, ship)
-            go(run, scenario.events, end, log, progress, said, None, interlocks, windows, keeper)
+            told = (interlocks, windows, keeper, outside)
+            if live is not None:
+                live(run, scenario.events, end, log, progress, said, *told)
+            else:
+                go(run, scenario.events, end, log, progress, said, None, *told)
         _conclude(run, ship, scenario, fidelity, folder, about, kept)
     except BaseException as error:
         folder.release()
@@ -371,6 +415,13 @@ def _unfinished_run(
     return folder, saved, arrays
 
 
+def _forget_commands(path: Path, n: int) -> None:
+    """Drop the commands from outside that came after a snapshot."""
+    if path.is_file():
+        kept = [command for command in read_outside(path) if command.step < n]
+        path.write_text("".join(f"{step},{name},{value!r},{by}\n" for step, name, value, by in kept))
+
+
 def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
     """Wall-clock time [s] of a step, by a trial on a copy.
 
@@ -414,6 +465,9 @@ def _conclude(
     plan, work, folder = run.plan, run.work, place.path
     limiters = limiter_rows(run)
     make_results(folder, place.unfinished, run.events, limiters)
+    given = place.unfinished / COMMANDS
+    if given.is_file() and given.stat().st_size:
+        shutil.copyfile(given, folder / COMMANDS)
     energy, imbalance = energy_balance(plan, work, kept["before"])
     summary: dict[str, Any] = {
         "scenario": scenario.name,
@@ -434,6 +488,9 @@ def _conclude(
         "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
         **about,
     }
+    if run.realtime:
+        summary["realtime"] = {name: value for name, value in run.realtime.items() if name != "histograms"}
+        write_text(folder / REALTIME, json.dumps(run.realtime))
     (folder / SUMMARY).write_text(json.dumps(summary, indent=1))
     with open_results(folder) as written:
         figures = {name: summary[name] for name in FIGURES}
@@ -454,6 +511,7 @@ def go(
     interlocks: Interlocks | None = None,
     windows: Sequence[Window] = (),
     keeper: Keeper | None = None,
+    outside: Sequence[Outside] = (),
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -479,15 +537,13 @@ def go(
         Where every step is recorded, each into its own group of the writer.
     keeper : Keeper, optional
         What writes snapshots, between two chunks.
+    outside : sequence of Outside
+        Commands that another run was given while it ran.
     """
     plan, work = run.plan, run.work
-    places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
-    look = max(1, round(PERIOD / plan.h))
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
-    pending = sorted(((round(t / plan.h), path, value) for t, path, value in timeline), key=lambda e: e[0])
-    if run.continued:  # it has been given the others
-        pending = [command for command in pending if command[0] >= work.n]
+    due = Timeline(plan, work, run.events, timeline, said, places, interlocks, outside, continued=run.continued)
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
     waves = WaveRecorder(plan, work, windows)
@@ -496,18 +552,10 @@ def go(
     if keeper is not None:
         keeper.write(run)  # so that there is something to continue at any instant
     began = time.perf_counter() - run.wall_s
-    with _Interrupt() as interrupt:
+    with Interrupt() as interrupt:
         while work.n < last and not interrupt.asked:
-            now_due: dict[str, float] = {}
-            while pending and pending[0][0] <= work.n:
-                _, path, value = pending.pop(0)
-                if path in now_due:  # the later of two commands of one step counts, and both are in the log
-                    run.events.append((run.t, path, said(path, now_due[path])))
-                now_due[path] = value
-            _command(run, interlocks, now_due, places, said, look=work.n % look == 0)
-            stop = min(last, work.n + chunk, pending[0][0] if pending else last, waves.until(work.n))
-            if interlocks is not None and interlocks.held:
-                stop = min(stop, (work.n // look + 1) * look)  # whole multiples: the same in every run
+            due.give()
+            stop = int(min(last, work.n + chunk, due.until(), waves.until(work.n)))
             now = time.perf_counter()
             done = entry(stop - work.n, work.n, *values)
             took = time.perf_counter() - now
@@ -533,39 +581,11 @@ def go(
                 keeper.write(run)
             run.interrupted = True
             run.events.append((run.t, plan.network.name, "interrupted"))
-    _last_rows(run, writer)
+    last_rows(run, writer)
     run.wall_s = time.perf_counter() - began
 
 
-def _command(
-    run: Run,
-    interlocks: Interlocks | None,
-    commands: Mapping[str, float],
-    places: Mapping[str, int],
-    said: Callable[[str, float], str],
-    *,
-    look: bool,
-) -> None:
-    """Give the commands of this instant, look again at what is held back, and log what became of each.
-
-    Without commands only at instants to `look`: others are those where this run happened to stop for a moment.
-    """
-    sig = run.work.sig
-    if interlocks is None:
-        for path, value in commands.items():
-            sig[places[path]] = value
-            run.events.append((run.t, path, said(path, value)))
-        return
-    for again, verdicts in (
-        (False, interlocks.give(sig, commands) if commands else []),
-        (True, interlocks.again(sig) if interlocks.held and (look or commands) else []),
-    ):
-        for path, value, reason in verdicts:
-            text = said(path, value) + (", as it had been asked to" if again else "")
-            run.events.append((run.t, path, f"refused: {reason} ({said(path, value)})" if reason else text))
-
-
-class _Interrupt:
+class Interrupt:
     """While it is entered, Ctrl-C asks for a stop between two chunks and does nothing else.
 
     A KeyboardInterrupt would be raised when the compiled loop returns, before what it did has been booked.
@@ -573,7 +593,7 @@ class _Interrupt:
 
     asked = False
 
-    def __enter__(self) -> _Interrupt:
+    def __enter__(self) -> Interrupt:
         self.main = threading.current_thread() is threading.main_thread()
         if self.main:
             self.before = signal.signal(signal.SIGINT, self._ask)
@@ -587,7 +607,7 @@ class _Interrupt:
             signal.signal(signal.SIGINT, self.before)
 
 
-def _last_rows(run: Run, writer: Writer | None) -> None:
+def last_rows(run: Run, writer: Writer | None) -> None:
     """Write the instant at which a run ended, with the extremes since the last row, where no row is due there."""
     plan, work = run.plan, run.work
     if writer is None or work.n == 0:
@@ -626,19 +646,27 @@ def _flush(run: Run, writer: Writer | None) -> None:
             at = (newest - rows + 1 + np.arange(rows)) * every * plan.h
             writer.append(group, at, *written[:, :rows])
         step.rows[k] = 0
-    count = int(step.event_count[0])
-    for k in range(min(count, EVENTS)):
+    run.events += logged_events(plan, run.work, 0)
+    step.event_count[0] = 0
+
+
+def logged_events(plan: Plan, work: Workspace, first: int) -> list[tuple[float, str, str]]:
+    """Events that the step has logged, from number `first` on, as far as the log still has them."""
+    step, count = work.step, int(work.step.event_count[0])
+    events = []
+    if count - first > EVENTS:
+        lost, first = count - EVENTS - first, count - EVENTS
+        t = float(step.event_step[first % EVENTS] * plan.h)
+        events.append((t, plan.network.name, f"{lost} events before this were not kept"))
+    for k in (number % EVENTS for number in range(first, count)):
         watched = plan.network.watched[step.event_which[k]]
         code = int(step.event_value[k])
         if watched.refusal and code == 0:
             continue
         text = watched.texts.get(code, f"code {code}")
-        run.events.append(
-            (float(step.event_step[k] * plan.h), watched.owner, f"refused: {text}" if watched.refusal else text)
-        )
-    if count > EVENTS:
-        run.events.append((run.t, plan.network.name, f"{count - EVENTS} further events were not kept"))
-    step.event_count[0] = 0
+        t = float(step.event_step[k] * plan.h)
+        events.append((t, watched.owner, f"refused: {text}" if watched.refusal else text))
+    return events
 
 
 def limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
@@ -744,6 +772,7 @@ def _run_yaml(
     overrides: Mapping[str, str],
     about: Mapping[str, str],
     waveforms: Sequence[tuple[float, float]],
+    live: bool,
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
@@ -755,6 +784,7 @@ def _run_yaml(
         f"version: {about['version']}",
         f"commit: {about['commit']}",
         *(["waveforms:", *(f"  - {a!r} s:{b!r} s" for a, b in waveforms)] if waveforms else []),
+        *([f"outside: {COMMANDS}  # beside this file, if any came: commands given while it ran"] if live else []),
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
         "ship: |2",  # the indentation said, whatever the text begins with

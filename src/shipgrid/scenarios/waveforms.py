@@ -97,9 +97,12 @@ class WaveRecorder:
     work : Workspace
     windows : sequence of Window
         In order of time, none overlapping.
+    room : int
+        Steps for which nobody empties the buffer.
     """
 
-    def __init__(self, plan: Plan, work: Workspace, windows: Sequence[Window]):
+    def __init__(self, plan: Plan, work: Workspace, windows: Sequence[Window], room: int = WAVE_ROWS):
+        self.room = room
         self.windows, self.step, self.h = list(windows), work.step, plan.h
         self.sig, self.n = work.sig, work.n
         self.sources = plan.step.wave_source
@@ -115,10 +118,15 @@ class WaveRecorder:
         for window in self.windows:
             if n < window.last:
                 inside = n + 1 >= window.first
-                self.step.wave_row[0] = 0 if inside else -1
-                return min(window.last, n + WAVE_ROWS) if inside else window.first - 1
-        self.step.wave_row[0] = -1
+                self._switch(on=inside)
+                return min(window.last, n + self.room) if inside else window.first - 1
+        self._switch(on=False)
         return FOREVER
+
+    def _switch(self, *, on: bool) -> None:
+        rows = int(self.step.wave_row[0])
+        rows = rows if rows >= 0 else -1 - rows
+        self.step.wave_row[0] = rows if on else -1 - rows
 
     def first(self, writer: Any) -> None:
         """Record the instant at which the run starts, if a window has it."""

@@ -64,10 +64,10 @@ def record(
 ):
     """After step number `done`: keep extremes and sums, write rows that are due; true if the audit is due."""
     if wave_row[0] >= 0:
-        row = wave_row[0]
+        row = wave_row[0] % wave_rows.shape[0]
         for k in range(wave_source.shape[0]):
             wave_rows[row, k] = sig[wave_source[k]]
-        wave_row[0] = row + 1
+        wave_row[0] += 1
     for k in range(recorded.shape[0]):
         now = sig[recorded[k]]
         if now < interval[k, 0]:
@@ -76,10 +76,13 @@ def record(
             interval[k, 1] = now
         interval[k, 2] += now
     if done % record_every == 0:
-        write_row(sig, recorded, interval, 0, n_plant, record_every, plant_rows, rows[0])
+        row = rows[0] % plant_rows.shape[1]
+        write_row(sig, recorded, interval, 0, n_plant, record_every, plant_rows, row)
         rows[0] += 1
     if done % slow_every == 0:
-        write_row(sig, recorded, interval, n_plant, recorded.shape[0], slow_every, slow_rows, rows[1])
+        write_row(
+            sig, recorded, interval, n_plant, recorded.shape[0], slow_every, slow_rows, rows[1] % slow_rows.shape[1]
+        )
         rows[1] += 1
     return done % audit_every == 0
 
@@ -165,10 +168,9 @@ def audit(
         value = sig[watched[k]]
         if value != watched_was[k]:
             watched_was[k] = value
-            n = event_count[0]
-            if n < event_step.shape[0]:
-                event_step[n] = done
-                event_which[n] = k
-                event_value[n] = value
-            event_count[0] = n + 1
+            n = event_count[0] % event_step.shape[0]
+            event_step[n] = done
+            event_which[n] = k
+            event_value[n] = value
+            event_count[0] += 1
     return wrong

@@ -1,0 +1,383 @@
+"""The executive: a run's steps, paced to the wall clock, in a thread that holds no interpreter lock.
+
+The same compiled loop as offline, with its clock on (`solvers/pacing.py`). It returns to Python only where the
+scenario gives a command, where a waveform window begins or ends, and to stop; these visits take some tens of
+microseconds and are counted like everything else. Rows go through rings to a process of their own
+(`realtime/recording.py`), so that the disk is never waited for; the main thread looks on: progress, event log, Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from shipgrid.analysis.divergence import culprit
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.automation.interlocks import Interlocks
+from shipgrid.errors import ParameterError, RealTimeError
+from shipgrid.model.kernel import CLOCKS
+from shipgrid.realtime import monitor
+from shipgrid.realtime.recording import Recording
+from shipgrid.realtime.shared import SharedArrays
+from shipgrid.scenarios.outside import COMMANDS, Outside
+from shipgrid.scenarios.row_log import RowLog
+from shipgrid.scenarios.runner import Interrupt, Keeper, Progress, Run, last_rows, logged_events, time_of_a_step
+from shipgrid.scenarios.timeline import Timeline
+from shipgrid.scenarios.waveforms import FOREVER, WaveRecorder, Window
+from shipgrid.solvers import pacing
+
+POLICIES = ("catch-up", "re-anchor")
+FACTORS = (1e-3, 1e3)
+"""Range of the factor of time."""
+LOOK = 0.25
+"""Time [s] between two looks of the main thread at the run."""
+WINDOW = 1.0
+"""Wall-clock time [s] that a row about computation and idle time is made of."""
+RING_WAVES, RING_WINDOWS, RING_COMMANDS, WORST = 16_384, 256, 4096, 32
+"""Steps of a waveform window (0.5 s at 30 us), rows about the clock and commands that may wait; worst steps kept."""
+PUBLISH = 100e-6
+"""Time [s] between two publications of the public signals, where somebody reads them."""
+ORIGINS = ("Python", "UDP", "Modbus", "console")
+PRIORITY = 80
+MCL_CURRENT = 1
+"""`mlockall` of what there is now: by the start of the clock everything has been touched."""
+SWITCH = 1e-4
+"""Longest time [s] that one Python thread keeps another waiting in a live run."""
+
+
+@dataclass
+class Executive:
+    """How a run is paced, and what became of it.
+
+    Parameters
+    ----------
+    factor : float
+        Simulated over wall-clock time.
+    policy : {"catch-up", "re-anchor"}
+        After an overrun: run the steps that follow without waiting until the plan holds again, or let the plan begin
+        anew, later.
+    core : int, optional
+        Processor core for the loop; anyone if left out.
+    virtual_cost : sequence of int, optional
+        For tests: nanoseconds that each step takes, in turn, on a clock that does not exist.
+    attached : callable, optional
+        Called with the shared arrays and the run before the first step; what it returns is called after the last.
+
+    Raises
+    ------
+    ParameterError
+        For a factor or policy that is none.
+    """
+
+    factor: float = 1.0
+    policy: str = "catch-up"
+    core: int | None = None
+    virtual_cost: Sequence[int] | None = None
+    attached: Callable[[SharedArrays, Run], Callable[[], dict[str, Any]]] | None = None
+    paused: threading.Event = field(default_factory=threading.Event, init=False)
+    stopped: threading.Event = field(default_factory=threading.Event, init=False)
+    singles: int = field(default=0, init=False)
+    found: dict[str, Any] = field(default_factory=dict, init=False)
+    pace: pacing.PaceWork = field(default_factory=pacing.no_pace, init=False)
+
+    def __post_init__(self) -> None:
+        if not FACTORS[0] <= self.factor <= FACTORS[1]:
+            raise ParameterError(f"factor = {self.factor!r}, expected {FACTORS[0]:g} to {FACTORS[1]:g}")
+        if self.policy not in POLICIES:
+            raise ParameterError(f"there is no overrun policy '{self.policy}', expected {' or '.join(POLICIES)}")
+        if sys.platform not in CLOCKS:
+            raise RealTimeError(f"live runs need a POSIX clock, and {sys.platform} has none")
+
+    def groups(self, plan: Plan) -> tuple[dict[str, Any], dict[str, float]]:
+        """Columns and period [s] of what is recorded besides the plant."""
+        return {"realtime": monitor.columns(1)}, {"realtime": self.window(plan) * plan.h}
+
+    def window(self, plan: Plan) -> int:
+        """Steps of a window."""
+        return max(1, round(WINDOW * self.factor / plan.h))
+
+    def pause(self) -> None:
+        """Let the plant stand still before its next step; the plan begins anew when it goes on."""
+        self.paused.set()
+        self.pace.pacer[0].stop = 1
+
+    def step(self, count: int = 1) -> None:
+        """Run some steps of a plant that stands still."""
+        self.singles += count
+
+    def go_on(self) -> None:
+        """End a pause."""
+        self.paused.clear()
+
+    def stop(self) -> None:
+        """End the run before its next step, to be continued."""
+        self.stopped.set()
+        self.pace.pacer[0].stop = 1
+
+    def __call__(
+        self,
+        run: Run,
+        timeline: Any,
+        end: float,
+        log: RowLog,
+        progress: Progress | None,
+        said: Callable[[str, float], str],
+        interlocks: Interlocks | None,
+        windows: Sequence[Window],
+        keeper: Keeper,
+        outside: Sequence[Outside] = (),
+    ) -> None:
+        """Step a run to its end, as `runner.go` does, but by the clock."""
+        plan, work = run.plan, run.work
+        time_of_a_step(plan, work)  # compiled, and in the caches, before the clock is on
+        waves = WaveRecorder(plan, work, windows)
+        if not run.continued:
+            waves.first(log)
+        keeper.write(run)
+        shared = self._share(run)
+        waves = WaveRecorder(plan, work, windows, FOREVER)
+        due = Timeline(plan, work, run.events, timeline, said, None, interlocks, outside, continued=run.continued)
+        with (log.folder / COMMANDS).open("a") as kept, shared:
+            steps = _Steps(self, run, due, waves, round(end / plan.h), kept)
+            written = self._record(steps, shared, log, end, progress)
+        if steps.wrong is not None:
+            raise steps.wrong
+        run.events.sort(key=lambda event: event[0])
+        work.step.rows[:], work.step.event_count[0], work.step.wave_row[0] = 0, 0, -1
+        if self.stopped.is_set() and work.n < steps.last and not run.failure:
+            keeper.write(run)
+            run.interrupted = True
+            run.events.append((run.t, plan.network.name, "interrupted"))
+        last_rows(run, log)
+        self.found |= monitor.figures(work.pace, plan.h, self.factor) | steps.found
+        self.found |= {"rows_lost": written["lost"], "policy": self.policy}
+        self.found["verdict"] = monitor.verdict(self.found)
+        run.realtime = self.found | {"histograms": monitor.histograms(work.pace)}
+        if written["failure"]:
+            raise OSError(written["failure"])
+
+    def _record(
+        self, steps: _Steps, shared: SharedArrays, log: RowLog, end: float, progress: Progress | None
+    ) -> dict[str, Any]:
+        """Run the steps while another process records them; what that one says at the end."""
+        run, plan, n = steps.plant, steps.plant.plan, steps.plant.work.n
+        every = {name: round(period / plan.h) for name, period in log.periods.items()}
+        windows = [(window.first, window.last, window.group) for window in steps.waves.windows]
+        told = {"n": n, "step": plan.h, "every": every, "windows": windows, "weights": steps.waves.weights.tolist()}
+        recording = Recording(shared, log, told)
+        try:
+            detach = self.attached(shared, run) if self.attached else dict
+            try:
+                with Interrupt() as interrupt, _quiet():
+                    steps.start()
+                    while steps.is_alive():
+                        steps.join(LOOK)
+                        steps.log_events()
+                        if interrupt.asked:
+                            self.stop()
+                        if progress is not None:
+                            progress((n + int(self.pace.pacer[0].steps)) * plan.h, end)
+            finally:
+                self.found |= detach()
+        finally:
+            written = recording.end()
+            log.catch_up()
+        steps.log_events()
+        return written
+
+    def _share(self, run: Run) -> SharedArrays:
+        """Put everything that other processes look at into shared memory, the clock's arrays among it."""
+        plan, work = run.plan, run.work
+        published = [plan.layout.index[signal.source] for signal in plan.network.published.values()]
+        published += [plan.layout.index[f"command:{path}"] for path in plan.network.commands]
+        pace = pacing.pace_work(
+            bins=monitor.BINS,
+            windows=RING_WINDOWS,
+            worst=WORST,
+            commands=RING_COMMANDS,
+            published=np.array(published, dtype=np.int64),
+        )
+        p = pace.pacer[0]
+        period = Fraction(plan.h).limit_denominator(10**9) / Fraction(self.factor).limit_denominator(10**6) * 10**9
+        p.num, p.den = period.numerator, period.denominator
+        p.on, p.window, p.reanchor = 1, self.window(plan), int(self.policy == "re-anchor")
+        p.publish_every = max(1, round(PUBLISH / plan.h)) if self.attached else 0
+        if self.virtual_cost is not None:
+            p.virtual = 1
+            pace = pace._replace(virtual_cost=np.array(self.virtual_cost, np.int64))
+        columns = work.step.wave_rows.shape[1]
+        work.step.wave_rows.resize((RING_WAVES if plan.step.wave_source.size else 1, columns), refcheck=False)
+        names = ("rows", "plant_rows", "slow_rows", "wave_row", "wave_rows")
+        step = {name: getattr(work.step, name) for name in names}
+        shared = SharedArrays.create(step | pace._asdict())
+        work.step = work.step._replace(**{name: shared.arrays[name] for name in names})
+        work.pace = self.pace = pacing.PaceWork(**{name: shared.arrays[name] for name in pace._fields})
+        return shared
+
+
+class _Steps(threading.Thread):
+    """The thread that runs the steps.
+
+    Parameters
+    ----------
+    executive : Executive
+    run : Run
+    due : Timeline
+    waves : WaveRecorder
+    last : int
+        Step number to stop at.
+    kept : TextIO
+        Where commands from outside are written.
+    """
+
+    def __init__(self, executive: Executive, run: Run, due: Timeline, waves: WaveRecorder, last: int, kept: TextIO):
+        super().__init__(name="shipgrid-steps", daemon=True)
+        self.executive, self.plant, self.due, self.waves, self.last = executive, run, due, waves, last
+        self.kept = kept
+        self.wrong: BaseException | None = None
+        self.found: dict[str, Any] = {}
+        self.events_seen = self.applied_seen = 0
+        self.logging = threading.Lock()
+        plan = run.plan
+        self.path = {plan.layout.index[f"command:{path}"]: path for path in plan.network.commands}
+
+    def run(self) -> None:
+        """Until the end, a failure, or a request to stop."""
+        try:
+            self._sail()
+        except BaseException as wrong:  # the main thread raises it
+            self.wrong = wrong
+
+    def _sail(self) -> None:
+        executive, run, plan, work = self.executive, self.plant, self.plant.plan, self.plant.work
+        entry, values = woven_entry(plan), arguments(plan, work)
+        p = work.pace.pacer[0]
+        self.found["scheduling"] = settle(executive.core)
+        before = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+        first, spent, began = work.n, 0, self._anchor()
+        while work.n < self.last and not run.failure:
+            p.stop = 0
+            if executive.stopped.is_set():
+                break
+            if executive.paused.is_set() and executive.singles == 0:
+                spent += int(p.now) - began
+                while executive.paused.is_set() and executive.singles == 0 and not executive.stopped.is_set():
+                    time.sleep(1e-3)
+                began = self._anchor()  # nobody was late meanwhile
+                continue
+            self.log_events()  # before the commands of this instant, as offline
+            if self.due.give():
+                p.did |= pacing.VISITED
+            stop = int(min(self.last, self.due.until(), self.waves.until(work.n)))
+            if executive.paused.is_set():
+                stop = min(stop, work.n + executive.singles)
+            done = entry(stop - work.n, work.n, *values)
+            work.n += abs(done)
+            executive.singles = max(0, executive.singles - abs(done))
+            if done < 0:
+                run.failure = culprit(plan, work)
+                run.events.append((run.t, plan.network.name, run.failure))
+        spent += int(p.now) - began
+        run.wall_s += 1e-9 * spent
+        due = int(p.anchor) + (work.n - int(p.anchor_step)) * int(p.num) // int(p.den)
+        self.found |= {
+            "simulated_s": (work.n - first) * plan.h,
+            "wall_s": 1e-9 * spent,
+            "end_after_deadline_s": 1e-9 * (int(p.now) - due),
+            "involuntary_switches": resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw - before,
+        }
+
+    def _anchor(self) -> int:
+        """Let the next step begin now; the clock [ns]."""
+        work = self.plant.work
+        p = work.pace.pacer[0]
+        now = int(p.now) if p.virtual else time.monotonic_ns()
+        p.anchor, p.anchor_step, p.now = now, work.n, now
+        return now
+
+    def log_events(self) -> None:
+        """Put what the steps have met, and the commands from outside that they have taken, into the event log."""
+        run, pace = self.plant, self.plant.work.pace
+        with self.logging:
+            taken, met = int(pace.applied_count[0]), int(run.work.step.event_count[0])
+            if met > self.events_seen:
+                run.events += logged_events(run.plan, run.work, self.events_seen)
+                self.events_seen = met
+            for k in range(self.applied_seen, taken):
+                entry = pace.applied[k % len(pace.applied)]
+                origin = ORIGINS[int(entry.origin)]
+                command = Outside(int(entry.step), self.path[int(entry.place)], float(entry.value), origin)
+                self.due.obeyed(command)
+                self.kept.write(f"{command.step},{command.path},{command.value!r},{origin}\n")
+            if taken > self.applied_seen:
+                self.kept.flush()
+            self.applied_seen = taken
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Python's own interruptions away from the visits of the loop."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH)
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        sys.setswitchinterval(interval)
+
+
+def settle(core: int | None) -> dict[str, str]:
+    """Ask the system for what helps this thread to be on time, and say what was granted.
+
+    Parameters
+    ----------
+    core : int, optional
+        Processor core to stay on.
+
+    Returns
+    -------
+    dict of str to str
+        `core`, `priority`, `memory`: what is in force, or why it is not.
+    """
+    found = {"core": "any", "priority": "normal", "memory": "not locked"}
+    if core is not None and hasattr(os, "sched_setaffinity"):
+        try:
+            os.sched_setaffinity(0, {core})
+            found["core"] = str(core)
+        except OSError as wrong:
+            found["core"] = f"any: core {core}: {wrong.strerror}"
+    if not sys.platform.startswith("linux"):
+        return found
+    try:
+        runtime = int(Path("/proc/sys/kernel/sched_rt_runtime_us").read_text())
+    except OSError:
+        runtime = 0
+    if runtime != -1:
+        # a thread that never sleeps is stopped for the rest of each period: 50 ms of every second by default
+        found["priority"] = "normal: kernel.sched_rt_runtime_us is not -1"
+    else:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            found["priority"] = f"SCHED_FIFO {PRIORITY}"
+        except OSError as wrong:
+            found["priority"] = f"normal: {wrong.strerror}"
+    library = ctypes.CDLL(None, use_errno=True)
+    locked = library.mlockall(MCL_CURRENT) == 0
+    found["memory"] = "locked" if locked else f"not locked: {os.strerror(ctypes.get_errno())}"
+    return found

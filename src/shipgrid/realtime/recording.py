@@ -1,0 +1,171 @@
+"""Recording while live: a process of its own takes rows out of the loop's rings and puts them on the disk.
+
+The loop never waits for it. Rows it has not taken when their place is needed again are lost, and counted. It ends when
+its standard input does, so also when the process that runs the plant is killed: then with all rows that were written.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shipgrid.realtime.shared import SharedArrays
+from shipgrid.scenarios.row_log import RowLog
+
+LOOK = 0.05
+"""Time [s] between two looks at the rings."""
+
+
+class Ring:
+    """One ring of rows, read from another process.
+
+    Parameters
+    ----------
+    group : str
+        Of the log.
+    rows : ndarray, shape (layers, capacity, columns)
+    first, every : int
+        Step number of the row that is counted 0, and steps between two rows.
+    step : float
+        Step [s].
+    """
+
+    def __init__(self, group: str, rows: np.ndarray, first: int, every: int, step: float):
+        self.group, self.rows, self.first, self.every, self.step = group, rows, first, every, step
+        self.taken = self.lost = 0
+
+    def take(self, count: int, log: RowLog) -> None:
+        """Hand the rows up to number `count` on."""
+        capacity = self.rows.shape[1]
+        if count - self.taken > capacity - 1:  # the oldest may be under the pen
+            self.lost += count - (capacity - 1) - self.taken
+            self.taken = count - (capacity - 1)
+        while self.taken < count:
+            at = self.taken % capacity
+            many = min(count - self.taken, capacity - at)
+            time = (self.first + np.arange(self.taken, self.taken + many) * self.every) * self.step
+            log.append(self.group, time, *self.rows[:, at : at + many].copy())
+            self.taken += many
+
+
+class Recorder:
+    """What the process does, and what it is told.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        The rings and their counters.
+    told : dict
+        `n`: steps done before; `step`; `every`: steps between rows by group; `windows`: (first, last, group);
+        `weights`: what windows' columns are made of.
+    log : RowLog
+    """
+
+    def __init__(self, arrays: dict[str, np.ndarray], told: dict[str, Any], log: RowLog):
+        self.arrays, self.log, n, step = arrays, log, told["n"], told["step"]
+        names = {"plant": ("plant_rows", "rows", 0), "slow": ("slow_rows", "rows", 1)}
+        names["realtime"] = ("pace_rows", "pace_count", 0)
+        self.rings = []
+        for group, (rows, counter, k) in names.items():
+            every = told["every"][group]
+            ring = Ring(group, arrays[rows], (n // every + 1) * every, every, step)
+            self.rings.append((ring, arrays[counter], k))
+        self.step, self.waves, self.waves_taken, self.waves_lost = step, arrays["wave_rows"], 0, 0
+        self.weights = np.array(told["weights"])
+        self.windows = []  # (group, first step, number of its first row, number after its last)
+        before = 0
+        for first, last, group in told["windows"]:
+            first = max(first, n + 1)
+            if first <= last:
+                self.windows.append((group, first, before, before + last - first + 1))
+                before += last - first + 1
+
+    def look(self) -> None:
+        """Take what is new."""
+        for ring, counter, k in self.rings:
+            ring.take(int(counter[k]), self.log)
+        state = int(self.arrays["wave_row"][0])
+        count, capacity = state if state >= 0 else -1 - state, len(self.waves)
+        if count - self.waves_taken > capacity - 1:
+            self.waves_lost += count - (capacity - 1) - self.waves_taken
+            self.waves_taken = count - (capacity - 1)
+        for group, first, begin, end in self.windows:
+            a, b = max(self.waves_taken, begin), min(count, end)
+            if a < b:
+                rows = self.waves[np.arange(a, b) % capacity] @ self.weights
+                self.log.append(group, (first + np.arange(a, b) - begin) * self.step, rows)
+        self.waves_taken = count
+
+    def lost(self) -> dict[str, int]:
+        """Rows that were not taken in time, by group."""
+        found = {ring.group: ring.lost for ring, _, _ in self.rings} | {"waveforms": self.waves_lost}
+        return {group: rows for group, rows in found.items() if rows}
+
+
+def main() -> None:
+    """Read what to do from the standard input, do it until that ends, and say what there is on the disk."""
+    told = json.loads(sys.stdin.readline())
+    shared = SharedArrays(Path(told["memory"]))
+    with RowLog(Path(told["folder"]), told["groups"], told["periods"], told["attributes"], told["rows"]) as log:
+        recorder = Recorder(shared.arrays, told, log)
+        print("ready", flush=True)
+        failure = ""
+        while not failure and not select.select([sys.stdin], [], [], LOOK)[0]:
+            failure = _attempt(recorder.look)
+        failure = failure or _attempt(recorder.look)
+        rows: dict[str, int] = {}
+        failure = failure or _attempt(lambda: rows.update(log.sync()))
+    print(json.dumps({"rows": rows, "lost": recorder.lost(), "failure": failure}), flush=True)
+
+
+def _attempt(what: Any) -> str:
+    try:
+        what()
+    except OSError as wrong:  # the disk is full, say: the ship sails on
+        return str(wrong)
+    return ""
+
+
+class Recording:
+    """The recording process, from the side of the one that runs the plant.
+
+    Parameters
+    ----------
+    shared : SharedArrays
+        With the rings.
+    log : RowLog
+        Whose files it goes on; nobody else may append while it runs.
+    told : dict
+        As of `Recorder`.
+    """
+
+    def __init__(self, shared: SharedArrays, log: RowLog, told: dict[str, Any]):
+        told |= {"memory": str(shared.path), "folder": str(log.folder), "groups": log.groups}
+        told |= {"periods": log.periods, "attributes": log.attributes, "rows": log.sync()}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "shipgrid.realtime.recording"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C is for the other process
+        )
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write(json.dumps(told) + "\n")
+        self.process.stdin.flush()
+        if self.process.stdout.readline() != "ready\n":
+            raise OSError("the recording process did not start")
+
+    def end(self) -> dict[str, Any]:
+        """Let it take the last rows, and hear what it says: `rows` on the disk, `lost`, `failure`."""
+        said, _ = self.process.communicate()
+        return json.loads(said) if said else {"rows": {}, "lost": {}, "failure": "the recording process died"}
+
+
+if __name__ == "__main__":
+    main()

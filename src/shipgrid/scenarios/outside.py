@@ -1,0 +1,36 @@
+"""Commands that a live run was given from outside while it ran: a file of lines `step,path,value,origin`."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+COMMANDS = "commands.csv"
+"""Name of that file in the folder of the run."""
+
+
+class Outside(NamedTuple):
+    """A command from outside: the number of steps done before it, path, value and whose it is."""
+
+    step: int
+    path: str
+    value: float
+    origin: str
+
+
+def read_outside(path: Path) -> list[Outside]:
+    """Commands that a live run was given while it ran.
+
+    Parameters
+    ----------
+    path : Path
+        Its `commands.csv`.
+
+    Raises
+    ------
+    OSError, ValueError
+        If it cannot be read, or is damaged.
+    """
+    with path.open(newline="") as file:
+        return [Outside(int(step), name, float(value), origin) for step, name, value, origin in csv.reader(file)]
