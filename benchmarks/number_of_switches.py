@@ -5,7 +5,7 @@
 Every number of inverters (two-level, 1620 Hz carrier, LCL filter, resistive load; six switches each) is built and
 stepped in a process of its own. Start-up is the time from the import to the end of the first step, the machine code
 of earlier runs at hand: the woven module depends on the kinds of components, not on how many there are. Steps are
-30 us; their time is the median of several thousands, on one core.
+30 us; their time is the median of several thousands, on one core. Of three processes each, in turn, the median counts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-STEP, STEPS, ROUNDS = 30e-6, 2000, 7
+STEP, STEPS, ROUNDS, PROCESSES = 30e-6, 2000, 7, 3
 
 
 def measure(number: int) -> dict[str, float]:
@@ -65,6 +65,12 @@ def measure(number: int) -> dict[str, float]:
     return {"number": number, "start_s": started, "step_us": 1e6 * median(found)}
 
 
+def in_process(number: int) -> dict[str, float]:
+    """The same in a process of its own."""
+    command = [sys.executable, __file__, "--one", str(number)]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
 def draw(rows: list[dict[str, float]], path: Path) -> None:
     """Draw both times over the number of inverters into a file."""
     import matplotlib
@@ -92,16 +98,15 @@ def main() -> None:
     if chosen.one is not None:
         print(json.dumps(measure(chosen.one)))
         return
-    rows = []
-    for number in [chosen.numbers[0], *chosen.numbers]:  # the first once more: its first process may have to compile
-        command = [sys.executable, __file__, "--one", str(number)]
-        rows.append(json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+    in_process(chosen.numbers[0])  # it may have to compile
+    rounds = [[in_process(number) for number in chosen.numbers] for _ in range(PROCESSES)]
+    rows = [{key: median(row[key] for row in same) for key in same[0]} for same in zip(*rounds, strict=True)]
     print("inverters   start-up, s   step, us   step per inverter, us")
-    for row in rows[1:]:
+    for row in rows:
         print(
-            f"{row['number']:9d} {row['start_s']:13.2f} {row['step_us']:10.2f} {row['step_us'] / row['number']:23.3f}"
+            f"{row['number']:9.0f} {row['start_s']:13.2f} {row['step_us']:10.2f} {row['step_us'] / row['number']:23.3f}"
         )
-    draw(rows[1:], chosen.out)
+    draw(rows, chosen.out)
 
 
 if __name__ == "__main__":

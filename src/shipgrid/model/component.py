@@ -360,10 +360,11 @@ def unit_of(hint: Any) -> str | None:
     return None
 
 
-def parameters_of(cls: type) -> list[tuple[str, str, Bounds, float | None]]:
+@cache
+def parameters_of(cls: type) -> tuple[tuple[str, str, Bounds, float | None], ...]:
     """Name, unit symbol, bounds and default (None: required) of each parameter of a component class."""
     hints = typing.get_type_hints(cls, include_extras=True)
-    return [
+    return tuple(
         (
             f.name,
             unit_of(hints[f.name]) or "1",
@@ -372,7 +373,7 @@ def parameters_of(cls: type) -> list[tuple[str, str, Bounds, float | None]]:
         )
         for f in dataclasses.fields(cls)
         if "bounds" in f.metadata
-    ]
+    )
 
 
 def check_parameters(self: Any) -> None:

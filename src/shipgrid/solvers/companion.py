@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ import numpy as np
 from shipgrid.errors import ParameterError
 from shipgrid.model.component import POSITION, type_of
 from shipgrid.model.kernel import call_uncompiled
-from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
+from shipgrid.model.records import names_of, parameter_record
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 """Diagonal coefficient of SDIRK2 [Alexander1977]: L-stable and of order two."""
+
+LINEAR = "a network element without a stamp has to be linear in states and inputs"
 
 KAPPA = (1.0 - GAMMA) / GAMMA
 """The second stage starts from x0 + KAPPA (x1 - x0)."""
@@ -47,7 +50,7 @@ class StateSpace:
 
 
 def state_space(item: Any, position: int = 0) -> StateSpace:
-    """Read a linear component's matrices off its kernels, one unit vector at a time.
+    """Read a linear component's matrices off its kernels.
 
     Parameters
     ----------
@@ -69,39 +72,33 @@ def state_space(item: Any, position: int = 0) -> StateSpace:
     p, _ = parameter_record(item)
     ends = [terminal.v for terminal in kind.terminals]
     sources = tuple(name for name in names_of(kind.input) if name not in ends and name != POSITION)
-    fixed = {POSITION: float(position)} if POSITION in names_of(kind.input) else {}
     inputs = [*ends, *sources]
     currents = [terminal.i for terminal in kind.terminals]
     if sorted(names_of(kind.output)) != sorted(currents):
         raise ParameterError(f"{kind.name}: the outputs of a linear element are its terminals' currents {currents}")
     states = names_of(kind.state)
-
-    def evaluate(x_values: dict[str, float], u_values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        x = make_record(kind.state, dict.fromkeys(states, 0.0) | x_values)
-        u = make_record(kind.input, dict.fromkeys(inputs, 0.0) | u_values | fixed)
-        dx, y = make_record(kind.state), make_record(kind.output)
-        rate = np.zeros(0)
+    n, q = len(states), len(inputs)
+    # one call does for all: each field holds a row of numbers, from the unit vectors, a probe and nothing at all
+    probe = -np.arange(2.0, n + q + 2)
+    points = np.column_stack([np.eye(n + q), probe, np.zeros(n + q)])
+    x = SimpleNamespace(**dict(zip(states, points[:n], strict=True)))
+    u = SimpleNamespace(**dict(zip(inputs, points[n:], strict=True)), **{POSITION: float(position)})
+    dx, y = SimpleNamespace(**dict.fromkeys(states, 0.0)), SimpleNamespace()
+    values = {"t": 0.0, "x": x, "u": u, "p": p, "dx": dx, "y": y}
+    try:
         if states:
-            call_uncompiled(kind.kernels["derivatives"], {"t": 0.0, "x": x, "u": u, "p": p, "dx": dx})
-            rate = flat_of(dx).copy()
-        call_uncompiled(kind.kernels["outputs"], {"t": 0.0, "x": x, "u": u, "p": p, "y": y})
-        return rate, np.array([y[name] for name in currents])
-
-    zero = evaluate({}, {})
-    columns_x = [evaluate({name: 1.0}, {}) for name in states]
-    columns_u = [evaluate({}, {name: 1.0}) for name in inputs]
-    everything = evaluate(dict.fromkeys(states, 1.0), dict.fromkeys(inputs, 1.0))
-    n, m, q = len(states), len(ends), len(inputs)
-    A = np.array([c[0] for c in columns_x]).reshape(n, n).T
-    C = np.array([c[1] for c in columns_x]).reshape(n, m).T
-    B = np.array([c[0] for c in columns_u]).reshape(q, n).T
-    D = np.array([c[1] for c in columns_u]).reshape(q, m).T
-    sums = (A.sum(axis=1) + B.sum(axis=1), C.sum(axis=1) + D.sum(axis=1))
-    if any(np.any(z != 0.0) for z in zero) or not all(
-        np.allclose(a, b, rtol=1e-9, atol=1e-9 * (1.0 + np.max(np.abs(a), initial=0.0)))
-        for a, b in zip(everything, sums, strict=True)
-    ):
-        raise ParameterError(f"{kind.name}: a network element without a stamp has to be linear in states and inputs")
+            call_uncompiled(kind.kernels["derivatives"], values)
+        call_uncompiled(kind.kernels["outputs"], values)
+    except ValueError:  # a branch on a state or an input
+        raise ParameterError(f"{kind.name}: {LINEAR}") from None
+    table = np.empty((n + len(ends), n + q + 2))
+    for row, (record, name) in enumerate([*((dx, name) for name in states), *((y, name) for name in currents)]):
+        table[row] = getattr(record, name)
+    matrix, probed, zero = table[:, : n + q], table[:, -2], table[:, -1]
+    error, size = np.abs(probed - matrix @ probe), np.abs(matrix) @ np.abs(probe)
+    if np.any(zero != 0.0) or not np.all(error <= 1e-9 * (1.0 + size)):  # also if it is not a number
+        raise ParameterError(f"{kind.name}: {LINEAR}")
+    A, B, C, D = matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
     return StateSpace(A, B, C, D, sources)
 
 

@@ -19,8 +19,9 @@ the plan's own definition.
 Switching functions are 0 or 1 (averaged: constant) in between. A modulator gives their means over any interval that
 holds no instant of its own; where such a mean is not what it is over the interval's very beginning, there is an edge,
 and bisection ends the interval there, to a millionth of a step. Hysteresis control predicts its edges from the
-currents at the interval's beginning, which is anew after every edge and every step. There are no diodes here: a leg
-with blocked gates is refused if current can flow behind it.
+currents at the interval's beginning, which is anew after every edge and every step. What the gates leave open the
+diodes decide, from one event to the next (`solvers/reference_diodes.py`): the integration is taken again from the
+last step to the event, until the condition that fails there fails by less than its tolerance.
 Continuous components with a slower clock, and what they read, are continuous here; so the comparison shows what
 holding their inputs over a period costs.
 
@@ -31,7 +32,7 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -45,9 +46,9 @@ from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import type_order
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
-from shipgrid.model.frames import abc_to_alpha_beta
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import StateSpace, state_space
+from shipgrid.solvers.reference_diodes import Condition, Diodes
 
 COMPLEX_STEP = 1e-40
 DIFFERENCE = 1e-7
@@ -62,6 +63,14 @@ CONSTANT = 1e-7
 """Means of a switching function that differ by less are one."""
 PASSES = 8
 """Most times that outputs which read each other are evaluated until none changes."""
+LOOKS = 4
+"""How often in a step of the integration the conditions of the diodes are looked at."""
+CLOSE = 1e-14
+"""Time [s] between two integrations that count as one."""
+SEARCH = 60
+"""Most integrations that look for one event."""
+CHANGES = 100
+"""Most changes of state at one event."""
 SINGULAR = 1e-10
 """Singular values of (2) below this share of the largest conductance count as zero."""
 
@@ -120,7 +129,7 @@ def reference_run(
     Raises
     ------
     SolverError
-        If the integration fails.
+        If the integration fails, or no state of the diodes holds.
     """
     plant = _Plant(plan, work.snapshot())
     names = list(signals) if signals is not None else [*plan.layout.nodes, *sorted(plan.layout.states)]
@@ -129,6 +138,7 @@ def reference_run(
     clocks = _Clocks(plan, work)
     with np.errstate(all="ignore"):  # a kernel that divides by zero gives inf or nan, as when it is compiled
         now = Fraction(work.n)
+        plant.t = float(now) * plan.h
         plant.start({c: f for c, f in enumerate(work.step.clock_ahead) if f >= 0.0}, clocks)
         times, rows = [work.n * plan.h], [plant.sig[places].copy()]
         keep = work.n + every
@@ -294,8 +304,8 @@ class _Plant:
         self.discrete = [i for i in signal if "modulate" not in i.kernels and i.path not in live]
         self._network(elements)
         self.passes = PASSES
-        self.jacobian: np.ndarray | None = None
-        self.age = 0  # segments that the Jacobian has served
+        self.rtol = self.atol = self.t = 0.0
+        self.jacobians: dict[Any, tuple[np.ndarray, int]] = {}  # by contacts and diodes; segments that each has served
 
     def _live(self, signal: list[_Instance]) -> list[_Instance]:
         """Continuous components, and the algebraic ones that anything continuous reads, in their order."""
@@ -369,7 +379,7 @@ class _Plant:
         capacitance = np.array([network.capacitances.get(name, 0.0) for name in layout.nodes])
         self.g = np.array([network.conductances.get(name, 0.0) for name in layout.nodes])
         self.stiff = np.flatnonzero(capacitance > 0.0)
-        self.free = np.flatnonzero(capacitance == 0.0)
+        self.bare = np.flatnonzero(capacitance == 0.0)
         self.c = capacitance[self.stiff]
 
         def states_of(instances: list[_Instance]) -> list[int]:
@@ -381,8 +391,11 @@ class _Plant:
         self.n_v, self.n_x = len(self.stiff), n
         units = {place: layout.unit.get(path, "") for path, place in layout.index.items()}
         self.size = np.array([UNIT_SCALE.get(units.get(int(p), ""), 0.1) for p in self.places])
+        self.jumps = np.any(self.D != 0.0, axis=1)
+        pole_ports = {int(place): k for k, place in enumerate(self.port_c)}
+        self.diodes = Diodes(self.plan, pole_ports, number)
         self.live_outputs = np.array([k for i in self.live for k in range(i.ys.start, i.ys.stop)], dtype=np.int64)
-        self.setting: tuple[Any, ...] | None = None
+        self.setting: tuple[Any, ...] = ()
 
     # what happens at an instant
 
@@ -479,14 +492,10 @@ class _Plant:
             held += rows or []
             if rows is not None and len(rows) == len(contact.spaces[0].A):
                 opened.append(contact.ports)
-        self._drive(set(held))
-        coefficient = sig[self.port_c]
-        setting = (coefficient.tobytes(), tuple(positions))
-        if setting != self.setting:
-            if self.setting is None or setting[1] != self.setting[1]:
-                self.age = JACOBIAN_LIFE
-            self.setting = setting
-            self._matrices(coefficient, held, opened, positions)
+        self.contact_state = held, opened, positions
+        self.diodes.take_bounds(sig)
+        self.diodes.refuse_jumps(self.jumps)
+        self._matrices()
         sig[self.state_places[held]] = 0.0
         for i in [*self.machines, *self.continuous]:
             if "limit" in i.kernels:
@@ -500,33 +509,56 @@ class _Plant:
             sig[self.live_outputs] += 1.0  # how many passes until nothing of what stood there before is left?
             self.rates(sig[self.places])
             self.passes = max(1, self.used - 1)  # the last one found nothing new
-        if len(self.kernel_left):
-            self._project()
-        self.rates(sig[self.places])
+        self._conduct()
 
-    def _drive(self, held: set[int]) -> None:
-        """Switching functions of all bridges from the bounds their modulators give.
+    def _conduct(self) -> None:
+        """Find the states of all diodes that hold from now on, and bring the plant into them.
 
         Raises
         ------
         SolverError
-            If the gates leave one open behind which a current can flow: this solver has no diodes.
+            If there are none.
         """
-        net, sig = self.plan.net, self.sig
-        place_of_port = {int(place): k for k, place in enumerate(self.port_c)}
-        for b, legs in enumerate(self.plan.network.legs.values()):
-            first, last = net.leg_first[b], net.leg_first[b + 1]
-            lo, hi = sig[net.leg_lo[first:last]], sig[net.leg_hi[first:last]]
-            poles = [place_of_port[int(k)] for k in net.bridge_s[b]]
-            if np.any(lo != hi):
-                if any(np.any(np.delete(self.C[k], list(held)) != 0.0) for k in poles):
-                    raise SolverError(f"{legs.path} is blocked, and the reference solver has no diodes")
-                lo = np.full(len(lo), 0.5)
-            vector = [lo[0]] if len(lo) == 1 else abc_to_alpha_beta.py_func(*lo)
-            sig[net.bridge_s[b, : len(vector)]] = vector
+        sig = self.sig
+        if self.diodes.any_free:
+            self.rates(sig[self.places])
+            self.diodes.follow_currents(sig[self.port_i])
+        for _ in range(CHANGES):
+            self._matrices()
+            broken = next((c for c in self._conditions(sig[self.places], with_slope=True) if c.margin < -0.5), None)
+            if broken is not None:
+                self.diodes.change(broken)
+                continue
+            if len(self.kernel_left):
+                self._project()
+                self.rates(sig[self.places])
+            if not self.diodes.follow_currents(sig[self.port_i]):
+                return
+        raise SolverError("reference run: no state of the diodes holds")
 
-    def _matrices(self, coefficient: np.ndarray, held: list[int], opened: list[slice], positions: list[int]) -> None:
-        """Everything of (1) to (3) that is constant until the next instant."""
+    def _conditions(self, z: np.ndarray, with_slope: bool = False) -> list[Condition]:
+        """What the diodes ask for, at the state z."""
+        rate, sig = self.rates(z), self.sig
+        current, voltage = sig[self.port_i], sig[self.port_v]
+        slope = None
+        if with_slope and self.diodes.any_free:
+            slope = self.now.C @ rate[self.n_v : self.n_v + self.n_x]
+            for k, port in enumerate(self.machine_port):
+                if port not in self.diodes.ports:
+                    continue
+                zero, by_volt, _ = self._machine_response(k)
+                slope[port : port + 2] = zero + by_volt @ voltage[port : port + 2]
+        return list(self.diodes.conditions(current, voltage, sig[self.node_places], slope))
+
+    def _matrices(self) -> None:
+        """Everything of (1) to (3) that is constant until the next instant or event, unless it is at hand."""
+        held, opened, positions = self.contact_state
+        self.diodes.switch(self.sig)
+        coefficient = self.sig[self.port_c]
+        setting = (self.diodes.key, tuple(positions), coefficient.tobytes())
+        if setting == self.setting:
+            return
+        self.setting = setting
         A, B, C, D = self.A.copy(), self.B.copy(), self.C.copy(), self.D.copy()
         for contact, position in zip(self.contacts, positions, strict=True):
             space, q = contact.spaces[position], len(contact.spaces[position].C)
@@ -535,11 +567,14 @@ class _Plant:
         A[held, :] = A[:, held] = B[held, :] = C[:, held] = B_s[held, :] = 0.0
         for ports in opened:
             D[ports] = D_s[ports] = 0.0
-        T = coefficient[:, None] * self.incidence
-        S = (self.weight * coefficient)[:, None] * self.incidence
-        self.now = types.SimpleNamespace(A=A, B=B, C=C, D=D, B_s=B_s, D_s=D_s, T=T)
+        floating = self.diodes.nodes(len(coefficient))  # legs that are off: free nodes after the others
+        T = np.hstack([coefficient[:, None] * self.incidence, floating])
+        S = np.hstack([(self.weight * coefficient)[:, None] * self.incidence, floating])
+        self.free = np.append(self.bare, np.arange(len(self.node_places), T.shape[1]))
+        g = np.append(self.g + self.diodes.clamp(len(self.g)), np.zeros(floating.shape[1]))
+        self.now = types.SimpleNamespace(A=A, B=B, C=C, D=D, B_s=B_s, D_s=D_s, T=T, g=g)
         self.T_a, self.T_c, self.S_a, self.S_c = T[:, self.free], T[:, self.stiff], S.T[self.free], S.T[self.stiff]
-        K = np.diag(self.g[self.free]) + self.S_a @ D @ self.T_a
+        K = np.diag(g[self.free]) + self.S_a @ D @ self.T_a
         left, values, right = np.linalg.svd(K)
         null = values <= SINGULAR * max(float(np.max(values, initial=0.0)), 1e-6)
         self.K = K
@@ -606,7 +641,7 @@ class _Plant:
         sig, now = self.sig, self.now
         sig[self.places] = z
         x = z[self.n_v : self.n_v + self.n_x]
-        v = np.zeros(len(self.node_places))
+        v = np.zeros(now.T.shape[1])
         v[self.stiff] = z[: self.n_v]
         for i in self.live:
             i.read(sig, "x")
@@ -628,7 +663,7 @@ class _Plant:
             if before is not None and np.array_equal(sig, before, equal_nan=True):
                 break
         rate = np.empty(len(z))
-        rate[: self.n_v] = (-self.g[self.stiff] * v[self.stiff] - self.S_c @ current) / self.c
+        rate[: self.n_v] = (-now.g[self.stiff] * v[self.stiff] - self.S_c @ current) / self.c
         rate[self.n_v : self.n_v + self.n_x] = now.A @ x + now.B @ port_v + now.B_s @ source
         k = self.n_v + self.n_x
         for i in self.machines:
@@ -639,7 +674,7 @@ class _Plant:
         for i in self.continuous:
             i.gather(sig)
             i.read(sig, "u")
-            i.call("derivatives")
+            i.call("derivatives", t=self.t)
             found = i.records["dx"].read()
             rate[k : k + len(found)] = found
             k += len(found)
@@ -654,7 +689,7 @@ class _Plant:
             if "outputs" in i.kernels:
                 i.gather(sig)
                 i.read(sig, "u")
-                i.call("outputs")
+                i.call("outputs", t=self.t)
                 sig[i.ys] = i.records["y"].read()
         sig[pairs[:, 0]] = sig[pairs[:, 1]]
         source = sig[self.source_places]
@@ -663,7 +698,7 @@ class _Plant:
             v[self.free] = self._free_voltages(x, source, current, v)
         port_v = now.T @ v
         current += now.D @ (self.T_a @ v[self.free])
-        sig[self.port_v], sig[self.port_i], sig[self.node_places] = port_v, current, v
+        sig[self.port_v], sig[self.port_i], sig[self.node_places] = port_v, current, v[: len(self.node_places)]
         for i in self.machines:
             i.gather(sig)
             i.read(sig, "u")
@@ -694,30 +729,99 @@ class _Plant:
         return np.linalg.pinv(np.vstack([self.K, self.balance * self.kernel_left @ M]), rcond=1e-12)
 
     def integrate(self, t: float, seconds: float, rtol: float, atol: float) -> None:
-        """From the instant `t` to the next; time is counted from there, so that it keeps its digits."""
+        """From the instant `t` to the next, over the events in between; time is counted so that it keeps its digits."""
+        self.rtol, self.atol = rtol, atol
+        gone = 0.0
+        while gone < seconds:
+            gone += self._to_event(t + gone, seconds - gone)
+            if gone < seconds:
+                self._conduct()
+
+    def _to_event(self, t: float, seconds: float) -> float:
+        """To the first event of the diodes, at most `seconds` on: returns how far."""
         z = self.sig[self.places]
+        margins = np.array([c.margin for c in self._conditions(z)])
+        floor = np.minimum(margins, 0.0) - 1.0
+        looks = LOOKS if self.diodes.any_free else 1
 
-        def right(_: float, z: np.ndarray) -> np.ndarray:
-            return self.rates(z)
+        def excess(at: float, z: np.ndarray) -> float:
+            """By how many of their tolerances the conditions hold at a time from here, or fail."""
+            self.t = t + at
+            return float(np.min(np.array([c.margin for c in self._conditions(z)]) - floor, initial=np.inf))
 
-        asked_at = -1.0
+        topology = self.setting[:2]
+        if topology in self.jacobians:
+            jacobian, age = self.jacobians[topology]
+            self.jacobians[topology] = jacobian, age + 1
+        solver = self._solver(t, z, seconds)
+        good, left = float(np.min(margins - floor, initial=np.inf)), 0.0
+        while solver.status == "running":
+            start, z = solver.t, solver.y
+            _step(solver, t)
+            between = solver.dense_output()
+            for at in np.linspace(start, solver.t, looks + 1)[1:].tolist():
+                found = excess(at, solver.y if at == solver.t else between(at))
+                if found < 0.0:
+                    return self._land(t, (start, z), (left, good), (at, found), excess)
+                left, good = at, found
+        return seconds
+
+    def _land(
+        self,
+        t: float,
+        start: tuple[float, np.ndarray],
+        low: tuple[float, float],
+        high: tuple[float, float],
+        excess: Callable[[float, np.ndarray], float],
+    ) -> float:
+        """Integrate to where a condition fails by less than one tolerance: returns when, counted from t.
+
+        Parameters
+        ----------
+        t : float
+            Origin of the times [s].
+        start : (float, ndarray)
+            Time and state from which to integrate.
+        low, high : (float, float)
+            Time and `excess` before the event, and after it.
+        excess : callable
+        """
+        (a, f_a), (b, f_b) = (low[0], low[1] + 0.5), (high[0], high[1] + 0.5)
+        side = 0
+        for _ in range(SEARCH):
+            at = b - f_b * (b - a) / (f_b - f_a) if f_b < 0.0 and b - a > CLOSE else b
+            solver = self._solver(t + start[0], start[1], at - start[0])
+            while solver.status == "running":
+                _step(solver, t)
+            found = excess(at, solver.y) + 0.5
+            if abs(found) < 0.5 or at == b:
+                return at
+            if found < 0.0:  # false position, the end that stays counting half [Dowell1971]
+                b, f_b, f_a, side = at, found, f_a * (0.5 if side < 0 else 1.0), -1
+            else:
+                a, f_a, f_b, side = at, found, f_b * (0.5 if side > 0 else 1.0), 1
+        raise SolverError(f"reference run: no event of a diode found at {t:.9f} s")
+
+    def _solver(self, t: float, z: np.ndarray, seconds: float) -> Radau:
+        """The integration from z on, at the time t."""
+        asked_at, topology = -1.0, self.setting[:2]
 
         def slope(at: float, z: np.ndarray) -> np.ndarray:
             """The last Jacobian, unless it is old, or Newton's iteration failed with it (it is asked for again)."""
             nonlocal asked_at
-            if self.jacobian is None or self.age >= JACOBIAN_LIFE or at == asked_at:
-                self.jacobian, self.age = self._jacobian(z), 0
+            jacobian, age = self.jacobians.get(topology, (None, JACOBIAN_LIFE))
+            if jacobian is None or age >= JACOBIAN_LIFE or at == asked_at:
+                jacobian = self._jacobian(z)
+                self.jacobians[topology] = jacobian, 0
             asked_at = at
-            return self.jacobian
+            return jacobian
 
-        self.age += 1
-        scale: Any = atol * self.size  # SciPy takes an array, its types do not say so
-        solver = Radau(right, 0.0, z, seconds, rtol=rtol, atol=scale, jac=slope, first_step=seconds)
-        while solver.status == "running":
-            message = solver.step()
-            if solver.status == "failed":
-                raise SolverError(f"reference run failed at {t + solver.t:.9f} s: {message}")
-        self.rates(solver.y)
+        def right(at: float, z: np.ndarray) -> np.ndarray:
+            self.t = t + at
+            return self.rates(z)
+
+        scale: Any = self.atol * self.size  # SciPy takes an array, its types do not say so
+        return Radau(right, 0.0, z, seconds, rtol=self.rtol, atol=scale, jac=slope, first_step=seconds)
 
     def _jacobian(self, z: np.ndarray) -> np.ndarray:
         base = self.rates(z)
@@ -728,3 +832,9 @@ class _Plant:
             moved[k] += step
             found[:, k] = (self.rates(moved) - base) / step
         return found
+
+
+def _step(solver: Radau, t: float) -> None:
+    message = solver.step()
+    if solver.status == "failed":
+        raise SolverError(f"reference run failed at {t + solver.t:.9f} s: {message}")
