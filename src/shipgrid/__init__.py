@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from shipgrid.components.electrical.capacitor import Capacitor
     from shipgrid.components.electrical.choke import Choke
     from shipgrid.components.electrical.coupled_inductors import CoupledInductors
+    from shipgrid.components.electrical.dc_load import DcLoad
     from shipgrid.components.electrical.lcl_filter import LclFilter
     from shipgrid.components.electrical.load import Load
     from shipgrid.components.electrical.resistor import Resistor
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from shipgrid.components.electrical.rlc_branch import RlcBranch
     from shipgrid.components.electrical.three_pole_breaker import ThreePoleBreaker
     from shipgrid.components.electrical.transformer import Transformer
+    from shipgrid.components.electrical.voltage_dependent_load import VoltageDependentLoad
+    from shipgrid.components.machines.induction_motor import InductionMotor
     from shipgrid.components.machines.pmsm import Pmsm
     from shipgrid.components.sources.dc_source import CurrentSource, DcSource, InductiveDcSource
     from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
@@ -68,12 +71,14 @@ __all__ = [
     "Close",
     "CoupledInductors",
     "CurrentSource",
+    "DcLoad",
     "DcSource",
     "DirectBridge",
     "Every",
     "FrequencyResponse",
     "HalfBridge",
     "HysteresisBridge",
+    "InductionMotor",
     "InductiveDcSource",
     "LclFilter",
     "LinearModel",
@@ -103,6 +108,7 @@ __all__ = [
     "TimeStampedLeg",
     "Transformer",
     "TwoLevelBridge",
+    "VoltageDependentLoad",
     "__version__",
     "assemble",
     "component",
@@ -136,6 +142,9 @@ _HOMES = {
     "shipgrid.components.electrical.rlc_branch": ("RlcBranch",),
     "shipgrid.components.electrical.three_pole_breaker": ("ThreePoleBreaker",),
     "shipgrid.components.electrical.transformer": ("Transformer",),
+    "shipgrid.components.electrical.dc_load": ("DcLoad",),
+    "shipgrid.components.electrical.voltage_dependent_load": ("VoltageDependentLoad",),
+    "shipgrid.components.machines.induction_motor": ("InductionMotor",),
     "shipgrid.components.machines.pmsm": ("Pmsm",),
     "shipgrid.components.sources.dc_source": ("CurrentSource", "DcSource", "InductiveDcSource"),
     "shipgrid.components.sources.synchronous_generator": ("SynchronousGenerator",),

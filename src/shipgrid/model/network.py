@@ -406,6 +406,8 @@ class Network:
                         f"which is no bus of {self.name}; it has {sorted(self.buses)}"
                     )
         single = [*kind.two_axis_ends] or [terminal.name for terminal in kind.terminals]
+        if single == ["a", "b"] and kind.stamped and set(ends) == {"a"}:
+            return {**ends, "b": PortBinding(None)}  # the other pole of the bus
         branch = single[0] if len(single) == 1 else ""
         if not branch or not set(ends) & {"a", "b"} or set(ends) & {branch}:
             return dict(ends)
