@@ -29,8 +29,7 @@ def circuit():
 def paced(circuit, costs, *, policy="catch-up", steps=STEPS, factor=(1, 1), window=100):
     """Clock and workspace after some steps that took `costs`, in turn."""
     work = new_workspace(circuit)
-    published = np.array([circuit.layout.index["feed.v_dc"]])
-    pace = pacing.pace_work(bins=40_000, windows=64, worst=4, commands=16, published=published)
+    pace = pacing.pace_work(bins=40_000, windows=64, worst=4, commands=16, signals=0)
     work.pace = pace._replace(virtual_cost=np.array(costs))
     p = work.pace.pacer[0]
     p.on, p.virtual, p.num, p.den, p.window = 1, 1, 30_000 * factor[1], factor[0], window
@@ -143,7 +142,7 @@ def test_the_clock_changes_nothing_of_what_is_computed(circuit):
 def test_commands_are_taken_in_their_order_a_few_a_step_and_remembered(circuit):
     work = new_workspace(circuit)
     place = circuit.layout.index["feed.v_dc"]
-    pace = pacing.pace_work(bins=10, windows=4, worst=1, commands=16, published=np.array([place]))
+    pace = pacing.pace_work(bins=10, windows=4, worst=1, commands=16, signals=len(work.sig))
     work.pace = pace
     p = pace.pacer[0]
     p.on, p.virtual, p.num, p.den, p.window, p.publish_every = 1, 1, 30_000, 1, 100, 1
@@ -157,3 +156,4 @@ def test_commands_are_taken_in_their_order_a_few_a_step_and_remembered(circuit):
     log = [(int(a.step), float(a.value), int(a.origin), int(a.measured)) for a in pace.applied[:12]]
     assert log == [(0 if k < pacing.MOST_COMMANDS else 1, 100.0 + k, 2, 7) for k in range(12)]
     assert pace.outbox_count[0] == 2 and pace.outbox_step[:2].tolist() == [1, 2]
+    assert np.array_equal(pace.outbox[1], work.sig)

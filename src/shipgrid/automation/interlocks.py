@@ -113,7 +113,10 @@ class Interlocks:
 
     def refusal(self, sig: Any, present: Mapping[str, float], asked: Mapping[str, float]) -> str:
         """Why commands may not be given now, empty if they may."""
-        before, after = self.violations(sig, present), self.violations(sig, {**present, **asked})
+        after = self.violations(sig, {**present, **asked})
+        if not after:
+            return ""
+        before = self.violations(sig, present)
         return "; ".join(dict.fromkeys(text for key, text in after.items() if key not in before))
 
     def violations(self, sig: Any, commands: Mapping[str, float]) -> dict[tuple[str, str], str]:

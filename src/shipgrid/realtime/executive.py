@@ -31,6 +31,7 @@ from shipgrid.automation.interlocks import Interlocks
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
 from shipgrid.realtime import monitor
+from shipgrid.realtime.desk import ORIGINS
 from shipgrid.realtime.recording import Recording
 from shipgrid.realtime.shared import SharedArrays
 from shipgrid.scenarios.outside import COMMANDS, Outside
@@ -51,7 +52,6 @@ RING_WAVES, RING_WINDOWS, RING_COMMANDS, WORST = 16_384, 256, 4096, 32
 """Steps of a waveform window (0.5 s at 30 us), rows about the clock and commands that may wait; worst steps kept."""
 PUBLISH = 100e-6
 """Time [s] between two publications of the public signals, where somebody reads them."""
-ORIGINS = ("Python", "UDP", "Modbus", "console")
 PRIORITY = 80
 MCL_CURRENT = 1
 """`mlockall` of what there is now: by the start of the clock everything has been touched."""
@@ -202,14 +202,12 @@ class Executive:
     def _share(self, run: Run) -> SharedArrays:
         """Put everything that other processes look at into shared memory, the clock's arrays among it."""
         plan, work = run.plan, run.work
-        published = [plan.layout.index[signal.source] for signal in plan.network.published.values()]
-        published += [plan.layout.index[f"command:{path}"] for path in plan.network.commands]
         pace = pacing.pace_work(
             bins=monitor.BINS,
             windows=RING_WINDOWS,
             worst=WORST,
             commands=RING_COMMANDS,
-            published=np.array(published, dtype=np.int64),
+            signals=len(work.sig) if self.attached else 0,
         )
         p = pace.pacer[0]
         period = Fraction(plan.h).limit_denominator(10**9) / Fraction(self.factor).limit_denominator(10**6) * 10**9

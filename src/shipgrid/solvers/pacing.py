@@ -91,18 +91,17 @@ class PaceWork(NamedTuple):
     inbox_count: np.ndarray  # (2,) commands put in, and taken out
     applied: np.ndarray  # of APPLIED, a ring
     applied_count: np.ndarray  # (1,)
-    outbox_place: np.ndarray  # places of the signals that are published
-    outbox: np.ndarray  # (SLOTS, signals), a ring
+    outbox: np.ndarray  # (SLOTS, signals) the flat vector as it was published, a ring
     outbox_step: np.ndarray  # (SLOTS,)
     outbox_count: np.ndarray  # (1,)
 
 
 def no_pace() -> PaceWork:
     """The clock of an offline run: off."""
-    return pace_work(bins=1, windows=1, worst=1, commands=1, published=np.zeros(0, np.int64))
+    return pace_work(bins=1, windows=1, worst=1, commands=1, signals=0)
 
 
-def pace_work(*, bins: int, windows: int, worst: int, commands: int, published: np.ndarray) -> PaceWork:
+def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: int) -> PaceWork:
     """Arrays of these sizes, the clock off.
 
     Parameters
@@ -115,8 +114,8 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, published: 
         Steps that are remembered one by one.
     commands : int
         That may wait, and that are remembered, at a time.
-    published : ndarray, shape (signals,)
-        Places of the signals that others may read while the run goes on.
+    signals : int
+        Length of the flat vector, where others may read it while the run goes on; else 0.
     """
     window = np.zeros((3, COLUMNS))
     window[0], window[1] = np.inf, -np.inf
@@ -132,8 +131,7 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, published: 
         inbox_count=np.zeros(2, np.int64),
         applied=np.zeros(commands, APPLIED),
         applied_count=np.zeros(1, np.int64),
-        outbox_place=published,
-        outbox=np.zeros((SLOTS, len(published))),
+        outbox=np.zeros((SLOTS, signals)),
         outbox_step=np.zeros(SLOTS, np.int64),
         outbox_count=np.zeros(1, np.int64),
     )
@@ -200,7 +198,6 @@ def end_step(
     record_every,
     slow_every,
     audit_every,
-    outbox_place,
     outbox,
     outbox_step,
     outbox_count,
@@ -209,8 +206,8 @@ def end_step(
     p = pacer[0]
     if p.publish_every != 0 and done % p.publish_every == 0:
         slot = outbox_count[0] % SLOTS
-        for k in range(outbox_place.shape[0]):
-            outbox[slot, k] = sig[outbox_place[k]]
+        for k in range(outbox.shape[1]):
+            outbox[slot, k] = sig[k]
         outbox_step[slot] = done
         fence()
         outbox_count[0] += 1
