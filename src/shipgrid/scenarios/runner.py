@@ -29,6 +29,7 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.automation.interlocks import PERIOD, Interlocks
+from shipgrid.automation.power_management import LowSocOperator, equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios import snapshot
@@ -112,6 +113,8 @@ class Keeper:
         Where the run's rows go.
     interlocks : Interlocks or None
         They remember what is held back.
+    operator : LowSocOperator or None
+        It remembers what it does.
     about : dict
         What does not change during the run.
     """
@@ -119,6 +122,7 @@ class Keeper:
     path: Path
     log: RowLog
     interlocks: Interlocks | None
+    operator: LowSocOperator | None
     about: dict[str, Any]
     written: float = 0.0
 
@@ -132,11 +136,13 @@ class Keeper:
         moving = {"rows": self.log.sync(), "events": run.events, "limiters": limiter_rows(run), "wall_s": run.wall_s}
         if self.interlocks is not None:
             moving |= {"held": self.interlocks.held, "said": self.interlocks.said}
+        if self.operator is not None:
+            moving |= {"operator": self.operator.state}
         snapshot.write(self.path, run.work, self.about | moving)
         self.written = time.monotonic()
 
 
-def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
+def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[Any] = ()) -> Plan:
     """Network and plan of a ship at one step length.
 
     Parameters
@@ -146,9 +152,12 @@ def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
         Step [s].
     fidelity : {"averaged", "switching"}
         Detail of the converters.
+    rules : sequence of object
+        Rules of power management in force.
     """
     network = Network(ship.name, fidelity)
     ship.build(network)
+    equip(network, ship, rules)
     return assemble(network, step)
 
 
@@ -171,7 +180,7 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     if scenario.start_state == "moored":
         if plan.network.fidelity == "averaged":
             return operating_point(plan, commands)
-        mean = build(ship, plan.h)
+        mean = build(ship, plan.h, rules=scenario.rules)
         work, drift = operating_point(mean, commands)
         return carried_over(mean, work, plan), drift
     work = new_workspace(plan)
@@ -254,7 +263,8 @@ def simulate(
     end = scenario.duration if until is None else seconds("until", until)
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
-    plan = build(ship, h, fidelity)
+    ship = scenario.ship_at_start(ship)
+    plan = build(ship, h, fidelity, scenario.rules)
     windows = merged(waveforms, h, end)
     place = Path(out or default_place(scenario, fidelity))
     whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
@@ -288,19 +298,21 @@ def simulate(
         else:
             folder.discard()
         raise
-    interlocks = Interlocks(ship, plan)
+    interlocks, operator = Interlocks(ship, plan), operator_of(scenario.rules, ship, plan)
     if interlocks is not None:
         interlocks.held |= saved.get("held", {})
         interlocks.said |= saved.get("said", {})
+    if operator is not None:
+        operator.state |= saved.get("operator", {})
     saved["startup_s"] += time.perf_counter() - began
     kept = {name: saved[name] for name in ("startup_s", "drift", "before", "continued_at_s")} | {"identity": whole}
-    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, kept)
+    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, operator, kept)
     try:
         with log:
             if not run.continued:
                 _first_rows(run, log)
             said = partial(command_text, ship)
-            go(run, scenario.events, end, log, progress, said, None, interlocks, windows, keeper)
+            go(run, scenario.events, end, log, progress, said, None, interlocks, windows, keeper, operator)
         _conclude(run, ship, scenario, fidelity, folder, about, kept)
     except BaseException as error:
         folder.release()
@@ -454,6 +466,7 @@ def go(
     interlocks: Interlocks | None = None,
     windows: Sequence[Window] = (),
     keeper: Keeper | None = None,
+    operator: LowSocOperator | None = None,
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -479,6 +492,8 @@ def go(
         Where every step is recorded, each into its own group of the writer.
     keeper : Keeper, optional
         What writes snapshots, between two chunks.
+    operator : LowSocOperator, optional
+        Who gives commands by a rule of power management, through the interlocks.
     """
     plan, work = run.plan, run.work
     places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
@@ -506,7 +521,9 @@ def go(
                 now_due[path] = value
             _command(run, interlocks, now_due, places, said, look=work.n % look == 0)
             stop = min(last, work.n + chunk, pending[0][0] if pending else last, waves.until(work.n))
-            if interlocks is not None and interlocks.held:
+            if interlocks is not None and operator is not None and work.n % look == 0:
+                _operate(run, interlocks, operator, said)
+            if operator is not None or (interlocks is not None and interlocks.held):
                 stop = min(stop, (work.n // look + 1) * look)  # whole multiples: the same in every run
             now = time.perf_counter()
             done = entry(stop - work.n, work.n, *values)
@@ -563,6 +580,16 @@ def _command(
         for path, value, reason in verdicts:
             text = said(path, value) + (", as it had been asked to" if again else "")
             run.events.append((run.t, path, f"refused: {reason} ({said(path, value)})" if reason else text))
+
+
+def _operate(run: Run, interlocks: Interlocks, operator: LowSocOperator, said: Callable[[str, float], str]) -> None:
+    """Let a rule of power management look at the plant, and give its commands as anybody's, with their origin."""
+    order = operator.look(run.work.sig)
+    if order is None:
+        return
+    for path, value, reason in interlocks.give(run.work.sig, order.commands):
+        text = f"{said(path, value)} by {operator.rule.name}: {order.why}"
+        run.events.append((run.t, path, f"refused: {reason} ({text})" if reason else text))
 
 
 class _Interrupt:
