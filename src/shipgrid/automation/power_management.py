@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 from shipgrid.automation.interlocks import DROOP
 from shipgrid.automation.load_limit import NOBODY, LoadLimit, SourceLoad, TiePath
@@ -26,8 +26,16 @@ from shipgrid.model.component import param
 from shipgrid.model.network import Every, Network
 from shipgrid.units import Ampere, PerUnit, Ratio, Second
 
+Declared = TypeVar("Declared", bound=type)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param, reference))
+def rule(cls: Declared) -> Declared:
+    """Declare a rule: its fields are what a scenario file may say about it."""
+    return dataclass(frozen=True, kw_only=True)(cls)
+
+
+@rule
 class BlackoutPrevention:
     """Propulsion is cut back before a source that feeds it is overloaded."""
 
@@ -138,7 +146,7 @@ def _ways(ship: Any, bus: str, end: str, passed: tuple[str, ...]) -> Iterator[tu
                 yield (name, *rest)
 
 
-@dataclass(frozen=True, kw_only=True)
+@rule
 class StartGensetOnLowSoc:
     """A genset is started when a battery is low, and stopped when all are charged."""
 
