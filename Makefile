@@ -50,7 +50,7 @@ $(VENV)/.installed-test: $(VENV)/.installed lock/requirements-test.txt
 test: install install-test lint
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadscope -m "not full and not realtime"
 
-# With the mission's first half at 30 us (minutes).
+# With the mission at 30 us at both fidelities, an hour of computing in all.
 full: install install-test lint
 	$(BIN)/python -m pytest
 

@@ -13,7 +13,11 @@ FIRST = 4.0
 """Length of the beginning that is sailed [s]."""
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+# a plant with another compiled module: its beginning is not worth a minute of compiling in every run of the tests
+BEGINNINGS = [pytest.param(name, marks=pytest.mark.full) if name == "overload" else name for name in SCENARIOS]
+
+
+@pytest.mark.parametrize("name", BEGINNINGS)
 def test_the_first_seconds_of_a_bundled_scenario_break_no_requirement(name, tmp_path):
     run = sg.simulate(sg.load_ship("ferry"), sg.load_scenario(name), until=FIRST, out=tmp_path / name, report=False)
     assert run.ok, [v for v in run.requirements if v.verdict == "violated"]

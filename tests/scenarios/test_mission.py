@@ -164,6 +164,49 @@ def test_the_example_draws_its_figure(mission, tmp_path):
     assert (tmp_path / "mission.png").stat().st_size > 20_000
 
 
+NOMINAL = {
+    "dc_for.v_dc": 750.0,
+    "dc_aft.v_dc": 750.0,
+    "dc_tie.i": 795.0,
+    "bess_for.i_b": 128.0,
+    "bess_aft.i_b": 128.0,
+    "bess_for.soc": 1.0,
+    "genset_for.p_pu": 1.0,
+    "genset_aft.p_pu": 1.0,
+    "genset_for.q_ac": 596e3,
+    "genset_for.omega_pu": 1.0,
+    "genset_for.v_pu": 1.0,
+    "rectifier_for.p_dc": 596e3,
+    "propulsion_for.p_dc": 270e3,
+    "propulsion_aft.omega_m": 47.1,
+    "propeller_for.thrust": 37.9e3,
+    "ac_for.v_rms_pu": 1.0,
+    "ac_aft.f": 60.0,
+    "inverter_for.p_ac": 50e3,
+    "hull.u_ship": 5.144,
+}
+SETTLED = ((2.0, 9.0), (250.0, 305.0), AT_10_KN, (1780.0, 1799.0), (2040.0, 2095.0), WAY_BACK, (3385.0, 3400.0))
+
+
+@pytest.mark.full
+def test_at_switching_fidelity_it_meets_every_requirement_and_agrees_in_every_settled_mean(mission, tmp_path):
+    """113 million steps, about ten minutes."""
+    switching = sg.simulate(
+        sg.load_ship("ferry"), sg.load_scenario("mission"), fidelity="switching", out=tmp_path / "switching"
+    )
+    assert switching.summary["step_s"] == 30e-6
+    assert all(v.ok for v in switching.requirements), [v for v in switching.requirements if not v.ok]
+    assert all(v.ok for v in switching.class_limits), [v for v in switching.class_limits if not v.ok]
+    for start, end in SETTLED:
+        for name, nominal in NOMINAL.items():
+            a, b = (mean(run, name, start, end) for run in (mission, switching))
+            assert b == pytest.approx(a, abs=5e-3 * nominal), (name, start)
+    ours, theirs = switching.events, mission.events
+    assert [(e.source, e.text) for e in ours] == [(e.source, e.text) for e in theirs]
+    assert max(abs(a.time - b.time) for a, b in zip(ours, theirs, strict=True)) < 0.2  # two looks of a sequence's timer
+    assert (switching.folder / "report.html").stat().st_size < 3e6
+
+
 @pytest.mark.full
 def test_settled_means_at_the_long_step_are_those_at_30_us(mission, tmp_path):
     ship = sg.load_ship("ferry")

@@ -63,3 +63,11 @@ def test_a_value_that_is_not_a_number_is_an_infinite_difference():
     bad[2] = np.nan
     (d,) = compare(recorded(a=(T, T)), recorded(a=(T, bad))).differences
     assert d.largest == np.inf
+
+
+def test_of_means_a_ripple_between_the_rows_makes_no_difference():
+    flat, ripple = np.full(11, 5.0), np.full(11, 7.0)
+    first = Recorded(a=Series(T, flat, None, None, "V", flat))
+    second = Recorded(a=Series(T, ripple, None, None, "V", flat))
+    assert compare(first, second).differences[0].largest == 2.0
+    assert compare(first, second, means=True).differences[0].largest == 0.0

@@ -219,3 +219,35 @@ def test_a_difference_of_two_signals_is_taken_instant_by_instant():
     verdict, unknown = evaluate([close, alone], TwoSignals())
     assert verdict.ok and verdict.signal == "a - b"
     assert unknown.verdict == "not evaluated"
+
+
+def test_a_ripple_between_two_rows_falls_out_of_a_band_of_means():
+    flat = Series(TIME, np.full(11, 5.0), np.zeros(11), np.full(11, 10.0), "V", np.full(11, 5.0))
+    assert not judge(asked(band=[4.0, 6.0]), flat).ok
+    assert judge(asked(band_of_means=[4.0, 6.0]), flat).ok
+    off = flat._replace(mean=np.where(TIME == 7.0, 6.5, 5.0))
+    verdict = judge(asked(band_of_means=[4.0, 6.0]), off)
+    assert (verdict.verdict, verdict.value, verdict.at, verdict.margin) == ("violated", 6.5, 7.0, -0.5)
+
+
+def test_the_mean_of_an_interval_that_began_before_the_window_does_not_count():
+    mean = np.where(TIME == 5.0, 99.0, 5.0)  # of the interval from 4 to 5
+    recorded = Series(TIME, np.full(11, 5.0), None, None, "V", mean)
+    assert judge(asked(band_of_means=[4.0, 6.0], **{"from": 5.0}), recorded).ok
+    assert not judge(asked(band_of_means=[4.0, 6.0], **{"from": 4.0}), recorded).ok
+
+
+def test_drift_is_the_rise_of_the_line_and_swing_what_is_left_about_it():
+    wave = np.array([1.0, -1.0, -1.0, 1.0] * 5)  # at a right angle to any straight line
+    time = np.arange(20.0)
+    leaning = series(0.1 * time + wave, time=time)
+    assert judge(asked(drift=2.0), leaning).value == pytest.approx(1.9)
+    assert judge(asked(swing=3.0), leaning).value == pytest.approx(2.0)
+    assert not judge(asked(drift=1.8), leaning).ok
+    assert not judge(asked(swing=1.9), leaning).ok
+    assert judge(asked(drift=1.9001), series(-0.1 * time, time=time)).ok  # a fall drifts as much as a rise
+
+
+def test_a_drift_that_the_run_did_not_see_to_its_end_is_not_evaluated_unless_it_is_too_large_already():
+    assert judge(asked(drift=20.0, until=50.0), series(TIME)).verdict == "not evaluated"
+    assert judge(asked(drift=5.0, until=50.0), series(TIME)).verdict == "violated"

@@ -41,7 +41,9 @@ class Comparison(NamedTuple):
     only_second: list[str]
 
 
-def compare(first: Recorded, second: Recorded, signals: Iterable[str] | None = None) -> Comparison:
+def compare(
+    first: Recorded, second: Recorded, signals: Iterable[str] | None = None, *, means: bool = False
+) -> Comparison:
     """Compare two runs.
 
     Parameters
@@ -50,6 +52,9 @@ def compare(first: Recorded, second: Recorded, signals: Iterable[str] | None = N
         Two `Results`. The second is interpolated linearly to the first's instants, over the time both cover.
     signals : iterable of str, optional
         Which signals; all that both have, if not given.
+    means : bool
+        Whether to compare means over the recording intervals, where both runs kept them, in place of the values at
+        their ends: a ripple of the converters falls out.
 
     Returns
     -------
@@ -63,6 +68,8 @@ def compare(first: Recorded, second: Recorded, signals: Iterable[str] | None = N
         a, b = first.series(name), second.series(name)
         if a is None or b is None or len(a.time) == 0 or len(b.time) == 0:
             continue
+        if means and a.mean is not None and b.mean is not None:
+            a, b = a._replace(value=a.mean), b._replace(value=b.mean)
         found = difference(name, a, b)
         if found is not None:
             differences.append(found)

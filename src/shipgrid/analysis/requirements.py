@@ -9,6 +9,12 @@ A requirement names a signal, a window of time and one measure of the signal in 
     mean     the time average inside [low, high]
     spread   the greatest less the smallest value, not above: neither drifts nor swings
 
+and three on the means over the recording intervals, in which a ripple of the converters has fallen out:
+
+    band_of_means  every mean inside [low, high]
+    drift          the rise of the straight line through the means over the window, not above: the slope test
+    swing          the greatest less the smallest distance of a mean from that line, not above: a sustained oscillation
+
 It may be on the difference of two signals (`minus`). The first four may be softened by one rule in time:
 
     recovery    the signal may be outside, but for no longer than this at a stretch
@@ -33,12 +39,15 @@ import numpy as np
 
 from shipgrid.errors import ParameterError
 
-MEASURES = ("band", "min", "max", "abs_max", "mean", "spread")
-PAIRS = ("band", "mean")
+MEASURES = ("band", "min", "max", "abs_max", "mean", "spread", "band_of_means", "drift", "swing")
+PAIRS = ("band", "mean", "band_of_means")
 """Measures with two limits."""
 RULES = ("recovery", "settles")
 """Rules in time that may soften a measure of single values."""
 SOFTENED = ("band", "min", "max", "abs_max")
+OF_MEANS = ("band_of_means", "drift", "swing")
+UP_TO = ("abs_max", "spread", "drift", "swing")
+"""Measures of a size, which has an upper limit only."""
 FIGURES = {"energy_balance_error": "1"}
 """Figures of the whole run that can be required something of, with their units; as in `summary.json`."""
 
@@ -137,8 +146,7 @@ class Requirement:
         low, high = {
             "min": lambda: (limit, math.inf),
             "max": lambda: (-math.inf, limit),
-            "abs_max": lambda: (0.0, limit),
-            "spread": lambda: (0.0, limit),
+            **{size: lambda: (0.0, limit) for size in UP_TO},
         }.get(measure, lambda: tuple(limit))()
         start, end = entry.get("from", 0.0), entry.get("until", math.inf)
         if not low <= high:
@@ -158,7 +166,7 @@ class Requirement:
     @property
     def limits(self) -> list[float | None]:
         """Lower and upper limit; None where there is none."""
-        low = None if self.measure in ("abs_max", "spread") else self.low
+        low = None if self.measure in UP_TO else self.low
         return [x if x is not None and math.isfinite(x) else None for x in (low, self.high)]
 
     @property
@@ -252,6 +260,10 @@ def judge(requirement: Requirement, series: Series | None, counts: np.ndarray | 
 
     if series is None:
         return verdict("not evaluated")
+    if r.measure in OF_MEANS and series.mean is not None:
+        series = series._replace(value=series.mean, low=series.mean, high=series.mean)
+        whole = np.concatenate([[False], series.time[:-1] >= r.start])
+        counts = whole if counts is None else counts & whole
     time, low, high, begins = _window(series, r.start, r.end, counts)
     if len(time) == 0:
         return verdict("not evaluated")
@@ -265,6 +277,13 @@ def judge(requirement: Requirement, series: Series | None, counts: np.ndarray | 
         if not complete:
             return verdict("not evaluated", mean, margin)
         return verdict("met" if margin >= 0.0 else "violated", mean, margin)
+
+    if r.measure in ("drift", "swing"):
+        value = _along_a_line(time, high)[("drift", "swing").index(r.measure)]
+        margin = r.high - value
+        if not complete and margin >= 0.0:
+            return verdict("not evaluated", value, margin)
+        return verdict("met" if margin >= 0.0 else "violated", value, margin)
 
     if r.measure == "abs_max":
         high = np.maximum(np.abs(low), np.abs(high))
@@ -287,6 +306,13 @@ def judge(requirement: Requirement, series: Series | None, counts: np.ndarray | 
     if margin < 0.0:
         return verdict("violated", value, margin, at, first)
     return verdict("met" if complete else "not evaluated", value, margin, at, None)
+
+
+def _along_a_line(time: np.ndarray, value: np.ndarray) -> tuple[float, float]:
+    """Rise of the straight line through some values over their time, and their spread about it."""
+    t, y = time - time.mean(), value.astype(float) - value.mean()
+    slope = float(t @ y / (t @ t)) if len(t) > 1 else 0.0
+    return abs(slope) * float(np.ptp(time)), float(np.ptp(y - slope * t))
 
 
 def _time_outside(

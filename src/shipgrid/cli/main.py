@@ -249,6 +249,9 @@ def plot(
 def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a run.", metavar="RESULTS")],
     second: Annotated[Path, typer.Argument(help="Folder of another.", metavar="RESULTS")],
+    means: Annotated[
+        bool, typer.Option("--means", help="Compare means over recording intervals, without ripple.")
+    ] = False,
 ) -> None:
     """Compare two runs signal by signal: largest and mean difference."""
     with _errors_as_exit_status():
@@ -257,7 +260,7 @@ def compare(
         from shipgrid.scenarios.results import open_results
 
         with open_results(first) as a, open_results(second) as b:
-            comparison = compare_runs(a, b)
+            comparison = compare_runs(a, b, means=means)
         rows = [
             (d.signal, d.unit, f"{d.largest:.4g}", f"{d.at:.2f}", f"{d.mean:.4g}", f"{d.relative:.2e}")
             for d in comparison.differences

@@ -86,8 +86,8 @@ COMMANDS = {
     ("rectifier", "v_dc_ref"): Command("voltage", "V"),
 }
 """Commands whose values are drawn as bars, from one event of that source to the next."""
-GIVEN = re.compile(r"set to ([-+.\deE]+)(?: \S+?)?(?:, by .*)?$")
-"""Text of an event that gives a command a value in SI."""
+GIVEN = re.compile(r"set to ([-+.\deE]+)(?: (?!by )\S+?)?(?:,? by .*)?$")
+"""Text of an event that gives a command a value in SI, whoever gave it."""
 
 
 def panels_of(run: Results) -> list[dict[str, Any]]:
@@ -196,7 +196,7 @@ def _limits(run: Results, names: Sequence[str], factor: float) -> list[dict[str,
     rows = {
         (level * factor, v.window[0], v.window[1])
         for v in run.requirements
-        if v.signal in names and v.measure in ("band", "min", "max") and v.limit and v.window
+        if v.signal in names and v.measure in ("band", "band_of_means", "min", "max") and v.limit and v.window
         for level in v.limit
         if level is not None
     }

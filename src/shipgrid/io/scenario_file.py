@@ -9,15 +9,17 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from shipgrid.analysis.requirements import FIGURES, MEASURES, PAIRS, RULES, SOFTENED, Requirement
 from shipgrid.automation.modes import MODES
+from shipgrid.automation.power_management import RULES as PLANT_RULES
 from shipgrid.equipment.declaration import Command
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
-from shipgrid.io.ship_file import Catalogue, Ship, check_head, load_ship, open_document, read_ship
+from shipgrid.io.ship_file import Catalogue, Ship, check_head, fields_of_kind, load_ship, open_document, read_ship
 from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, nearest, replaced
+from shipgrid.model.component import Bounds, unit_of
 
 STATES = ("moored", "cold")
 """States a scenario may start from: alongside with what is then on, found from the equations; or all off."""
@@ -55,10 +57,14 @@ class Scenario:
         Tie breakers that are closed at the start.
     start_set : mapping of str to float
         Commands with a value of their own at the start, by path, SI.
+    start_soc : mapping of str to float
+        State of charge of batteries at the start, by name, where it is not the ship's.
     events : tuple of Event
         The time-line, in the order of time; commands of one instant in the order of the file.
     requirements : tuple of Requirement
         What the run must meet.
+    rules : tuple of object
+        Rules of power management that are in force (`automation/power_management.py`).
     document : Document
         The file it was read from, with the changes made since.
     """
@@ -70,8 +76,10 @@ class Scenario:
     start_state: str
     closed: tuple[str, ...]
     start_set: Mapping[str, float]
+    start_soc: Mapping[str, float]
     events: tuple[Event, ...]
     requirements: tuple[Requirement, ...]
+    rules: tuple[Any, ...]
     document: Document
 
     @property
@@ -88,6 +96,12 @@ class Scenario:
             If it does not fit that ship.
         """
         return read_scenario(self.document, ship.catalogue).checked()
+
+    def ship_at_start(self, ship: Ship) -> Ship:
+        """A ship with its batteries charged as the scenario asks for."""
+        for name, soc in self.start_soc.items():
+            ship = ship.replace(f"equipment.{name}.soc_0", repr(soc))
+        return ship
 
     def start_commands(self, ship: Ship) -> dict[str, float]:
         """Every command of a ship with its value at the start, by path, SI."""
@@ -224,7 +238,7 @@ class _ScenarioReader:
         root = self.document.root
         if not root.entries:
             return ScenarioReading(None, self.problems)
-        keys = ("schema", "scenario", "description", "duration", "step", "start", "timeline", "requirements")
+        keys = ("schema", "scenario", "description", "duration", "step", "start", "rules", "timeline", "requirements")
         check_head(root, self.problems, keys)
         name = self.text(root, "scenario", "", "the name of the scenario")
         duration = self.time(root, "duration", "", required=True)
@@ -233,7 +247,8 @@ class _ScenarioReader:
         elif duration is not None:
             self.duration = duration
         step = self.step(root)
-        state, closed, chosen = self.start(root)
+        state, closed, chosen, soc = self.start(root)
+        rules = self.rules(root)
         events = self.timeline(root)
         requirements = self.requirements(root)
         if self.problems or self.blind:
@@ -242,7 +257,18 @@ class _ScenarioReader:
         node = root.get("description")
         description = node.text if isinstance(node, Scalar) else ""
         scenario = Scenario(
-            name, description, self.duration, step, state, closed, chosen, events, requirements, self.document
+            name,
+            description,
+            self.duration,
+            step,
+            state,
+            closed,
+            chosen,
+            soc,
+            events,
+            requirements,
+            rules,
+            self.document,
         )
         return ScenarioReading(scenario, self.problems)
 
@@ -321,20 +347,96 @@ class _ScenarioReader:
 
     # Start
 
-    def start(self, root: Section) -> tuple[str, tuple[str, ...], dict[str, float]]:
+    def start(self, root: Section) -> tuple[str, tuple[str, ...], dict[str, float], dict[str, float]]:
         node = root.get("start")
         if not isinstance(node, Section):
             what = "missing" if node is None else "is not a mapping"
             place = root.place if node is None else node.place
             self.problems.add(place, "start", f"{what}, expected {{state: {' or '.join(STATES)}, ...}}")
-            return "", (), {}
-        self.known(node, "start", ("state", "closed", "set"))
+            return "", (), {}, {}
+        self.known(node, "start", ("state", "closed", "soc", "set"))
         state = self.text(node, "state", "start", " or ".join(STATES))
         if state is not None and state not in STATES:
             place = node.entries["state"].place
             self.problems.add(place, "start.state", f"no state '{state}', expected {' or '.join(STATES)}")
         chosen = {path: value for path, value, _ in self.commands(node.get("set"), "start.set")}
-        return state or "", self.closed(node), chosen
+        return state or "", self.closed(node), chosen, self.soc(node)
+
+    def soc(self, section: Section) -> dict[str, float]:
+        """State of charge of the batteries that a start names."""
+        node = section.get("soc")
+        if node is None:
+            return {}
+        if not isinstance(node, Section):
+            self.problems.add(node.place, "start.soc", "is not a mapping, expected {bess_for: 40 %, ...}")
+            return {}
+        batteries, found = self.catalogue.items("bess"), {}
+        for name, value in node:
+            path = f"start.soc.{name}"
+            if name in batteries:
+                bounds = fields_of_kind(type(batteries[name]))["soc_0"][0].metadata["bounds"]
+                charge = self.bounded(value, "1", bounds, path)
+                found |= {} if charge is None else {name: charge}
+            elif self.catalogue.equipment:
+                self.problems.add(node.keys[name], path, f"no battery '{name}'{nearest(name, batteries)}, expected one")
+        return found
+
+    def bounded(self, node: Node, unit: str, bounds: Bounds, path: str) -> float | None:
+        """A quantity within its declared range, or None and a problem."""
+        value = self.quantity(node, unit, path)
+        if value is not None and not bounds.contains(value):
+            what = f"{show_quantity(value, unit)} is out of range, expected {bounds} ({bounds.description})"
+            self.problems.add(node.place, path, what)
+            return None
+        return value
+
+    # Rules of power management
+
+    def rules(self, root: Section) -> tuple[Any, ...]:
+        node = root.get("rules")
+        if node is None or (isinstance(node, Scalar) and node.empty):
+            return ()
+        if not isinstance(node, Section):
+            what = f"is not a mapping, expected rules by name: {', '.join(PLANT_RULES)}"
+            self.problems.add(node.place, "rules", what)
+            return ()
+        found = []
+        for name, section in node:
+            path = f"rules.{name}"
+            if name not in PLANT_RULES:
+                what = f"no such rule{nearest(name, PLANT_RULES)}, expected {' or '.join(PLANT_RULES)}"
+                self.problems.add(node.keys[name], path, what)
+            elif isinstance(section, Section) or section == Scalar("", section.place, True):
+                entries = section if isinstance(section, Section) else Section({}, {}, node.keys[name])
+                rule = self.plant_rule(PLANT_RULES[name], entries, path)
+                found += [] if rule is None else [rule]
+            else:
+                self.problems.add(section.place, path, "is not a mapping, expected {key: value, ...}")
+        return tuple(found)
+
+    def plant_rule(self, cls: type, section: Section, path: str) -> Any:
+        """A rule with its values, or None and every problem in it."""
+        before = len(self.problems)
+        fields = fields_of_kind(cls)
+        self.known(section, path, tuple(fields))
+        values: dict[str, Any] = {}
+        for key, node in section:
+            if key not in fields:
+                continue
+            field, hint = fields[key]
+            unit = unit_of(hint)
+            if unit is None:
+                values[key] = self.text(section, key, path, f"the name of a {field.metadata['reference'][0]}")
+            else:
+                values[key] = self.bounded(node, unit, field.metadata["bounds"], f"{path}.{key}")
+        if len(self.problems) > before:
+            return None
+        rule = cls(**values)
+        if self.catalogue.equipment:
+            for key, what in rule.check(self.catalogue):
+                place = section.entries[key].place if key in section else section.place
+                self.problems.add(place, f"{path}.{key}" if key else path, what)
+        return rule
 
     def closed(self, section: Section) -> tuple[str, ...]:
         node = section.get("closed")

@@ -11,6 +11,7 @@ from typing import Any
 
 from shipgrid.analysis.requirements import MEASURES, PAIRS, RULES
 from shipgrid.automation.modes import MODES
+from shipgrid.automation.power_management import RULES as PLANT_RULES
 from shipgrid.equipment.declaration import EQUIPMENT
 from shipgrid.io.quantities import EXAMPLES
 from shipgrid.io.scenario_file import STATES
@@ -77,6 +78,11 @@ def scenario_schema() -> dict[str, Any]:
         "properties": {
             "state": {"enum": list(STATES)},
             "closed": {"type": "array", "items": {"type": "string"}, "description": "tie breakers that are closed"},
+            "soc": {
+                "type": "object",
+                "additionalProperties": {"type": ["string", "number"], "examples": ["40 %"]},
+                "description": "state of charge of batteries, where it is not the ship's",
+            },
             "set": commands,
         },
         "required": ["state"],
@@ -89,6 +95,12 @@ def scenario_schema() -> dict[str, Any]:
         "duration": _TIME,
         "step": _TIME,
         "start": start,
+        "rules": {
+            "type": "object",
+            "description": "rules of power management that are in force",
+            "properties": {name: _object(cls) for name, cls in PLANT_RULES.items()},
+            "additionalProperties": False,
+        },
         "timeline": {"type": "array", "items": event},
         "requirements": {"type": "array", "items": requirement},
     }

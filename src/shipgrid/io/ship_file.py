@@ -104,8 +104,8 @@ class Catalogue:
     """Commands and public signals of a ship, by path: what a scenario can say about it.
 
     It exists for a ship with mistakes in it, too, so that the mistakes of a scenario are found in the same go;
-    `unreadable` are then the items and buses whose kind is not known. `modes` are the operating modes, each with its
-    commands as a scenario file would say them.
+    `unreadable` are then the items and buses whose kind is not known, and there is no `equipment`. `modes` are the
+    operating modes, each with its commands as a scenario file would say them.
     """
 
     commands: Mapping[str, Command]
@@ -113,6 +113,11 @@ class Catalogue:
     breakers: tuple[str, ...]
     unreadable: frozenset[str] = frozenset()
     modes: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
+    equipment: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def items(self, kind: str) -> dict[str, Any]:
+        """All items of a kind, by name."""
+        return {name: item for name, item in self.equipment.items() if kind_of(item).kind == kind}
 
 
 @dataclass(frozen=True)
@@ -184,7 +189,7 @@ class Ship:
         self.build(network)
         signals = {n: Published(n, s.unit, s.description, s.group) for n, s in network.published.items()}
         kinds = {name: kind_of(item) for name, item in self.equipment.items()}
-        return Catalogue(self.commands, signals, _breakers(kinds), modes=_modes(kinds))
+        return Catalogue(self.commands, signals, _breakers(kinds), modes=_modes(kinds), equipment=self.equipment)
 
     @cached_property
     def commands(self) -> Mapping[str, Command]:

@@ -484,6 +484,13 @@ class Network:
         self.legs[path] = Legs(path, bus, modulator, ("",), (f"{path}.s",), 1.0)
         return Pole(bus, f"{path}.s")
 
+    def reconnect(self, path: str, **inputs: str | float) -> dict[str, str | float]:
+        """Let inputs of a placed component read other signals; returns what they read before."""
+        own = self.placed[path].inputs
+        before = {name: own[name] for name in inputs}
+        own.update(inputs)
+        return before
+
     def command(self, path: str, value: float = 0.0) -> str:
         """Path of the signal of a command, declared with its value at the start."""
         self.commands.setdefault(path, value)

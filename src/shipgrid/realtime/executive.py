@@ -28,6 +28,7 @@ from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.automation.interlocks import Interlocks
+from shipgrid.automation.power_management import LowSocOperator
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
 from shipgrid.realtime import monitor
@@ -139,6 +140,7 @@ class Executive:
         interlocks: Interlocks | None,
         windows: Sequence[Window],
         keeper: Keeper,
+        operator: LowSocOperator | None = None,
         outside: Sequence[Outside] = (),
     ) -> None:
         """Step a run to its end, as `runner.go` does, but by the clock."""
@@ -150,7 +152,9 @@ class Executive:
         keeper.write(run)
         shared = self._share(run)
         waves = WaveRecorder(plan, work, windows, FOREVER)
-        due = Timeline(plan, work, run.events, timeline, said, None, interlocks, outside, continued=run.continued)
+        due = Timeline(
+            plan, work, run.events, timeline, said, None, interlocks, operator, outside, continued=run.continued
+        )
         with (log.folder / COMMANDS).open("a") as kept, shared:
             steps = _Steps(self, run, due, waves, round(end / plan.h), kept)
             written = self._record(steps, shared, log, end, progress)

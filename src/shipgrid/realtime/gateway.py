@@ -57,7 +57,7 @@ class Gateway:
         if not 0.0 < self.timeout < float("inf"):
             raise ParameterError(f"timeout = {self.timeout!r} s is not a positive time")
 
-    def start(self, shared: SharedArrays, run: Run, *, ship: Any) -> Callable[[], dict[str, Any]]:
+    def start(self, shared: SharedArrays, run: Run) -> Callable[[], dict[str, Any]]:
         """Start the process; it listens when this returns. What is returned ends it, and has what it counted.
 
         Raises
@@ -66,7 +66,13 @@ class Gateway:
             If it cannot listen there.
         """
         plan = run.plan
-        told = {"memory": str(shared.path), "ship": ship, "step": plan.h, "fidelity": plan.network.fidelity}
+        told = {
+            "memory": str(shared.path),
+            "ship": run.ship,
+            "rules": run.rules,
+            "step": plan.h,
+            "fidelity": plan.network.fidelity,
+        }
         told |= {
             "udp": self.udp,
             "modbus": self.modbus,
@@ -99,7 +105,7 @@ class Gateway:
 def main() -> None:
     """Read what to serve from the standard input, serve until that ends, and say what was counted."""
     told = pickle.load(sys.stdin.buffer)
-    plan = build(told["ship"], told["step"], told["fidelity"])
+    plan = build(told["ship"], told["step"], told["fidelity"], told["rules"])
     desk = Desk(told["ship"], plan, SharedArrays(Path(told["memory"])), told["lost"], told["timeout"])
     try:
         udp = UdpServer(desk, told["udp"], told["token"]) if told["udp"] else None

@@ -29,6 +29,7 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.automation.interlocks import Interlocks
+from shipgrid.automation.power_management import LowSocOperator, equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios import snapshot
@@ -88,6 +89,7 @@ class Live(Protocol):
         interlocks: Interlocks | None,
         windows: Sequence[Window],
         keeper: Keeper,
+        operator: LowSocOperator | None,
         outside: Sequence[Outside],
     ) -> None:
         """Step a run to its end."""
@@ -120,6 +122,9 @@ class Run:
     interrupted: bool = False
     failure: str = ""
     continued: bool = False
+    ship: Any = None
+    rules: Sequence[Any] = ()
+    """What the plan was made of, where it was made of a ship."""
     realtime: dict[str, Any] = field(default_factory=dict)
     """What the monitor of a live run has found."""
 
@@ -141,6 +146,8 @@ class Keeper:
         Where the run's rows go.
     interlocks : Interlocks or None
         They remember what is held back.
+    operator : LowSocOperator or None
+        It remembers what it does.
     about : dict
         What does not change during the run.
     """
@@ -148,6 +155,7 @@ class Keeper:
     path: Path
     log: RowLog
     interlocks: Interlocks | None
+    operator: LowSocOperator | None
     about: dict[str, Any]
     written: float = 0.0
 
@@ -161,11 +169,13 @@ class Keeper:
         moving = {"rows": self.log.sync(), "events": run.events, "limiters": limiter_rows(run), "wall_s": run.wall_s}
         if self.interlocks is not None:
             moving |= {"held": self.interlocks.held, "said": self.interlocks.said}
+        if self.operator is not None:
+            moving |= {"operator": self.operator.state}
         snapshot.write(self.path, run.work, self.about | moving)
         self.written = time.monotonic()
 
 
-def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
+def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[Any] = ()) -> Plan:
     """Network and plan of a ship at one step length.
 
     Parameters
@@ -175,9 +185,12 @@ def build(ship: Any, step: float, fidelity: str = "averaged") -> Plan:
         Step [s].
     fidelity : {"averaged", "switching"}
         Detail of the converters.
+    rules : sequence of object
+        Rules of power management in force.
     """
     network = Network(ship.name, fidelity)
     ship.build(network)
+    equip(network, ship, rules)
     return assemble(network, step)
 
 
@@ -200,7 +213,7 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     if scenario.start_state == "moored":
         if plan.network.fidelity == "averaged":
             return operating_point(plan, commands)
-        mean = build(ship, plan.h)
+        mean = build(ship, plan.h, rules=scenario.rules)
         work, drift = operating_point(mean, commands)
         return carried_over(mean, work, plan), drift
     work = new_workspace(plan)
@@ -289,7 +302,8 @@ def simulate(
     end = scenario.duration if until is None else seconds("until", until)
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
-    plan = build(ship, h, fidelity)
+    ship = scenario.ship_at_start(ship)
+    plan = build(ship, h, fidelity, scenario.rules)
     windows = merged(waveforms, h, end)
     place = Path(out or default_place(scenario, fidelity))
     whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
@@ -310,6 +324,7 @@ def simulate(
             work, drift = start(plan, ship, scenario)
             run = Run(plan, work)
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
+        run.ship, run.rules = ship, scenario.rules
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, live is not None)
         write_text(folder.path / MARK, text)
         if planned is not None:
@@ -328,19 +343,21 @@ def simulate(
         else:
             folder.discard()
         raise
-    interlocks = Interlocks(ship, plan)
+    interlocks, operator = Interlocks(ship, plan), operator_of(scenario.rules, ship, plan)
     if interlocks is not None:
         interlocks.held |= saved.get("held", {})
         interlocks.said |= saved.get("said", {})
+    if operator is not None:
+        operator.state |= saved.get("operator", {})
     saved["startup_s"] += time.perf_counter() - began
     kept = {name: saved[name] for name in ("startup_s", "drift", "before", "continued_at_s")} | {"identity": whole}
-    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, kept)
+    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, operator, kept)
     try:
         with log:
             if not run.continued:
                 _first_rows(run, log)
             said = partial(command_text, ship)
-            told = (interlocks, windows, keeper, outside)
+            told = (interlocks, windows, keeper, operator, outside)
             if live is not None:
                 live(run, scenario.events, end, log, progress, said, *told)
             else:
@@ -511,6 +528,7 @@ def go(
     interlocks: Interlocks | None = None,
     windows: Sequence[Window] = (),
     keeper: Keeper | None = None,
+    operator: LowSocOperator | None = None,
     outside: Sequence[Outside] = (),
 ) -> None:
     """Step a run to its end, giving each command at its step.
@@ -537,13 +555,17 @@ def go(
         Where every step is recorded, each into its own group of the writer.
     keeper : Keeper, optional
         What writes snapshots, between two chunks.
+    operator : LowSocOperator, optional
+        Who gives commands by a rule of power management, through the interlocks.
     outside : sequence of Outside
         Commands that another run was given while it ran.
     """
     plan, work = run.plan, run.work
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
-    due = Timeline(plan, work, run.events, timeline, said, places, interlocks, outside, continued=run.continued)
+    due = Timeline(
+        plan, work, run.events, timeline, said, places, interlocks, operator, outside, continued=run.continued
+    )
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
     waves = WaveRecorder(plan, work, windows)

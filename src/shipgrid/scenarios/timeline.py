@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.automation.interlocks import PERIOD, Interlocks
+from shipgrid.automation.power_management import LowSocOperator
 from shipgrid.scenarios.outside import Outside
 
 Logged = list[tuple[float, str, str]]
@@ -39,6 +40,8 @@ class Timeline:
         Where in the flat vector what a path names lies; commands if left out.
     interlocks : Interlocks, optional
         What may hold back a command; every command is obeyed if left out.
+    operator : LowSocOperator, optional
+        Who gives commands by a rule of power management, through the interlocks.
     outside : iterable of Outside
     continued : bool
         Whether what is due at this very step has been given.
@@ -53,11 +56,13 @@ class Timeline:
         said: Callable[[str, float], str],
         places: Mapping[str, int] | None = None,
         interlocks: Interlocks | None = None,
+        operator: LowSocOperator | None = None,
         outside: Iterable[Outside] = (),
         *,
         continued: bool = False,
     ):
         self.h, self.work, self.events, self.said, self.interlocks = plan.h, work, events, said, interlocks
+        self.operator = operator
         self.places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
         self.every = max(1, round(PERIOD / plan.h))
         due = sorted(((round(t / plan.h), path, value) for t, path, value in commands), key=lambda e: e[0])
@@ -74,6 +79,8 @@ class Timeline:
                 self._log(path, self.said(path, now[path]))
             now[path] = value
         self._give(now, look=self.work.n % self.every == 0)
+        if self.work.n % self.every == 0:
+            self._operate()
         given = bool(now)
         while self.outside and self.outside[0].step <= self.work.n:
             command = self.outside.pop(0)
@@ -100,7 +107,7 @@ class Timeline:
         """The next step at which `give` has something to do."""
         at = [self.pending[0][0]] if self.pending else []
         at += [self.outside[0].step] if self.outside else []
-        if self.interlocks is not None and self.interlocks.held:
+        if self.operator is not None or (self.interlocks is not None and self.interlocks.held):
             at.append((self.work.n // self.every + 1) * self.every)  # whole multiples: the same in every run
         return min(at, default=math.inf)
 
@@ -119,6 +126,17 @@ class Timeline:
             for path, value, reason in verdicts:
                 text = self.said(path, value) + (", as it had been asked to" if again else "")
                 self._log(path, f"refused: {reason} ({self.said(path, value)})" if reason else text)
+
+    def _operate(self) -> None:
+        """Let a rule of power management look at the plant, and give its commands as anybody's, with their origin."""
+        if self.operator is None or self.interlocks is None:
+            return
+        order = self.operator.look(self.work.sig)
+        if order is None:
+            return
+        for path, value, reason in self.interlocks.give(self.work.sig, order.commands):
+            text = f"{self.said(path, value)} by {self.operator.rule.name}: {order.why}"
+            self._log(path, f"refused: {reason} ({text})" if reason else text)
 
     def _log(self, who: str, what: str, t: float | None = None) -> None:
         self.events.append((self.work.n * self.h if t is None else t, who, what))
