@@ -1,10 +1,11 @@
-# Everything lives in .venv, but for ngspice; all it takes is git, make and Python 3.11 or newer with venv.
+# Everything lives in .venv, but for ngspice and chromium; all it takes is git, make and Python 3.11 or newer with venv.
 #
 #   make run       install, then sail the ferry's mission: results/mission-averaged/
 #   make test      install, then lint, contracts, types and tests (under 20 minutes on two cores)
 #   make full      what is too slow for `make test`
 #   make install   only install; ends with the kernels compiled into the user's cache
 #   make ngspice   the system's ngspice, with which the tests compare; part of `make test` where apt-get may be used
+#   make chromium  the system's Chromium, in which the tests look at reports; likewise
 #   make lint      ruff, import-linter, pyright
 
 PYTHON ?= python3
@@ -15,7 +16,7 @@ WORKERS ?= 2
 # small matrices only: threads of the linear algebra library would wait for each other beside the workers
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run install install-test ngspice test full lint format clean
+.PHONY: run install install-test ngspice chromium test full lint format clean
 
 run: install
 	$(BIN)/shipgrid run
@@ -25,12 +26,15 @@ install: $(VENV)/.installed
 
 install-test: $(VENV)/.installed-test
 	@command -v ngspice > /dev/null || $(MAKE) --no-print-directory ngspice
+	@command -v chromium > /dev/null || command -v chromium-browser > /dev/null || command -v google-chrome > /dev/null || \
+		$(MAKE) --no-print-directory chromium
 
-# The verification tests compare circuits with ngspice, a system package; without it they fail, and say this again.
-ngspice:
+# The tests compare circuits with ngspice and look at reports in chromium, system packages; without them they fail, and say
+# this again.
+ngspice chromium:
 	@if [ "$$(id -u)" = 0 ]; then apt="apt-get"; else apt="sudo -n apt-get"; fi; \
-		{ $$apt update -qq && $$apt install --yes -qq ngspice > /dev/null && command -v ngspice; } || \
-		echo "ngspice is missing and could not be installed: as root, apt-get install ngspice; tests that need it will fail"
+		{ $$apt update -qq && $$apt install --yes -qq $@ > /dev/null && command -v $@; } || \
+		echo "$@ is missing and could not be installed: as root, apt-get install $@; tests that need it will fail"
 
 $(VENV)/.created:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

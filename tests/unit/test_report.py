@@ -22,7 +22,7 @@ from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
 from shipgrid.io.plot import plot
 from shipgrid.io.report import energy_table, limits, render, si
-from shipgrid.scenarios.results import open_results
+from shipgrid.scenarios.results import Event, open_results
 
 MEGABYTES = 1e6
 
@@ -100,8 +100,37 @@ def test_every_panel_shows_the_extremes_of_the_record(run):
             assert min(low) == pytest.approx(series.low.min() * scale, abs=room)
 
 
+def test_curves_are_means_so_that_a_ripple_is_not_sampled_at_random():
+    t = np.arange(50) * 0.1
+    ripple = np.random.default_rng(2).uniform(-20.0, 20.0, len(t))
+    run = Record(bess_for__i_b=t)
+    run.series = lambda name: Series(t, t + ripple, t - 20.0, t + 20.0, "A", t)
+    (panel,) = panels_of(run)  # type: ignore[arg-type]
+    (signal,) = panel["signals"]
+    assert signal["values"] == pytest.approx(t, abs=1e-4)
+    assert signal["high"] == pytest.approx(t + 20.0, rel=1e-4)
+
+
+def test_a_drive_that_is_cut_back_has_a_bar_that_says_for_which_source(run):
+    said = [(10.0, "drive_for cut back for bess_aft"), (12.0, "drive_aft cut back for bess_aft")]
+    said += [(50.0, "drive_for free again"), (60.0, "drive_for cut back for genset_for")]
+    guarded = Record(hull__u_ship=[0.0, 1.0])
+    guarded.events = tuple(Event(t, "blackout_prevention", text) for t, text in said)
+    rows = {row["label"]: row["bars"] for row in bars_of(guarded, 90.0)}  # type: ignore[arg-type]
+    assert rows["drive_for cut back"] == [(10.0, 50.0, "for bess_aft"), (60.0, 90.0, "for genset_for")]
+    assert rows["drive_aft cut back"] == [(12.0, 90.0, "for bess_aft")]
+
+
+def test_a_command_that_a_rule_gave_is_shown_with_its_value():
+    guarded = Record(hull__u_ship=[0.0, 1.0])
+    text = "set to -64 A by start_genset_on_low_soc: genset_for is connected"
+    guarded.events = (Event(1.0, "bess_for.i_ref", text),)
+    assert bars_of(guarded, 9.0)[0]["bars"] == [(1.0, 9.0, "-64 A")]  # type: ignore[arg-type]
+
+
 class Record:
     requirements = ()
+    events: tuple[Event, ...] = ()
 
     def __init__(self, **values):
         self.values = {name.replace("__", "."): np.asarray(value, float) for name, value in values.items()}

@@ -79,8 +79,9 @@ def start_case(ship: str, scenario: str, fidelity: str) -> tuple[dict[str, Any],
 
     imported = time.perf_counter()
     loaded_ship, loaded_scenario = load_case(ship, scenario)
+    loaded_ship = loaded_scenario.ship_at_start(loaded_ship)
     read = time.perf_counter()
-    plan = runner.build(loaded_ship, runner.DEFAULT_STEP, fidelity)
+    plan = runner.build(loaded_ship, runner.DEFAULT_STEP, fidelity, loaded_scenario.rules)
     built = time.perf_counter()
     work, _ = runner.start(plan, loaded_ship, loaded_scenario)
     started = time.perf_counter()
@@ -113,7 +114,8 @@ def step_times(ship: str, scenario: str, fidelity: str, step: float) -> dict[str
     from shipgrid.scenarios import runner
 
     loaded_ship, loaded_scenario = load_case(ship, scenario)
-    plan = runner.build(loaded_ship, step, fidelity)
+    loaded_ship = loaded_scenario.ship_at_start(loaded_ship)
+    plan = runner.build(loaded_ship, step, fidelity, loaded_scenario.rules)
     work, _ = runner.start(plan, loaded_ship, loaded_scenario)
     run = runner.Run(plan, work)
     steps = round(SPELL / step)

@@ -1,8 +1,9 @@
 """What a report plots: which signals share a panel, reduced to what a screen can show, and the band of events.
 
 Reduction is MinMaxLTTB [VanDerDonckt2023]: of each interval it keeps extremes, then the points that shape the curve.
-All signals of a panel are shown at the union of the instants kept for each. Extremes (those the recorder kept, or else
-the values themselves) are gathered over the rows between two of these instants, so that no peak is lost.
+All signals of a panel are shown at the union of the instants kept for each, by their means over the recording intervals
+where the recorder kept them. Extremes (those the recorder kept, or else the values themselves) are gathered over the
+rows between two of these instants, so that no peak is lost.
 """
 
 from __future__ import annotations
@@ -88,6 +89,9 @@ COMMANDS = {
 """Commands whose values are drawn as bars, from one event of that source to the next."""
 GIVEN = re.compile(r"set to ([-+.\deE]+)(?: (?!by )\S+?)?(?:,? by .*)?$")
 """Text of an event that gives a command a value in SI, whoever gave it."""
+CUT = "cut back"
+CUT_BACK = re.compile(r"(\w+) (?:cut back for (\w+)|free again)$")
+"""Text of an event of blackout prevention: the drive, and the source for which it is cut back."""
 
 
 def panels_of(run: Results) -> list[dict[str, Any]]:
@@ -128,6 +132,7 @@ def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
         series = [_without(s, panel.none) for s in series]
     if not any(np.any(np.abs(s.value) > 0.0) for s in series):
         series, names = [], []
+    series = [_of_means(s) for s in series]
     kept = [_reduced(s, max(POINTS // len(series), 100)) for s in series]
     time = np.unique(np.concatenate([s.time[k] for s, k in zip(series, kept, strict=True)])) if series else np.empty(0)
     curves = [_at(s, time) for s in series]
@@ -148,6 +153,13 @@ def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
         "signals": signals,
         "limits": _limits(run, names, panel.factor),
     }
+
+
+def _of_means(series: Series) -> Series:
+    """The same signal with its means over the recording intervals as values: a ripple would be sampled at random."""
+    if series.mean is None or series.low is None or series.high is None:
+        return series
+    return series._replace(value=np.where(np.isnan(series.value), np.nan, series.mean))
 
 
 def _without(series: Series, none: float) -> Series:
@@ -228,6 +240,8 @@ def bars_of(run: Results, end: float) -> list[dict[str, Any]]:
 
     for source, bars in _command_bars(run.events, end).items():
         add(source, bars)
+    for drive, bars in _cut_back(run.events, end).items():
+        add(f"{drive}.{CUT}", bars)
     for kind, symbol, words in STATES:
         for name in signals_of(run, kind, symbol):
             series = run.series(name)
@@ -259,6 +273,19 @@ def _command_bars(events: Iterable[Event], end: float) -> Mapping[str, list[tupl
     }
 
 
+def _cut_back(events: Iterable[Event], end: float) -> Mapping[str, list[tuple[float, float, str]]]:
+    """For each drive, while it is cut back, the source for which."""
+    given: dict[str, list[tuple[float, str]]] = {}
+    for event in events:
+        said = CUT_BACK.match(event.text)
+        if said:
+            given.setdefault(said[1], []).append((event.time, f"for {said[2]}" if said[2] else ""))
+    return {
+        drive: [(a[0], b[0], a[1]) for a, b in pairwise([*rows, (end, "")]) if a[1] and b[0] > a[0]]
+        for drive, rows in given.items()
+    }
+
+
 def _kind(source: str) -> tuple[str, str]:
     """`bess`, `i_ref` of `bess_for.i_ref`."""
     item, _, symbol = source.partition(".")
@@ -286,5 +313,5 @@ def _label(names: Sequence[str], stem: str, symbol: str, whole: bool) -> str:
     """Name of a row: the kind if all its items share the row, else the item; and the command's word."""
     item = stem if whole else names[0].partition(".")[0]
     command = COMMANDS.get((stem, symbol))
-    word = command.word if command is not None else "mode" if symbol == "mode" else ""
+    word = command.word if command is not None else symbol if symbol in ("mode", CUT) else ""
     return f"{item} {word}".rstrip()

@@ -170,11 +170,12 @@ def reduction(panels: list[dict[str, Any]]) -> str:
     """A sentence on what was left out of the plots."""
     rows = max((p["rows"] for p in panels), default=0)
     if rows <= POINTS:
-        return "Every recorded value is shown."
+        return "Curves are means over recording intervals, all of them; shaded bands are the extremes."
+    shown = f"{rows:,}".replace(",", "\u202f")
     return (
-        f"Plots show about {POINTS} of up to {rows:,} recorded instants, chosen by MinMaxLTTB; shaded bands are the "
-        "extremes between them. Zooming in does not show more; results.nc has every recorded value."
-    ).replace(",", "\u202f", 1)
+        f"Curves are means over recording intervals, about {POINTS} of up to {shown}, chosen by MinMaxLTTB; shaded "
+        "bands are the extremes between them. Zooming in does not show more; results.nc has every recorded value."
+    )
 
 
 def energy_table(energy: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from shipgrid.assembly.plan import Plan, terms_of
 from shipgrid.automation.interlocks import Interlocks
+from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import InputErrors, SolverError
 from shipgrid.model.network import PublicSignal, Waveform
 from shipgrid.scenarios.runner import DEFAULT_STEP, Run, build, go, start
@@ -88,10 +89,17 @@ def against_reference(
     inside = sorted({t for t, *_ in scenario.events if span.first <= round(t / h) < span.last})
     if inside:
         raise InputErrors([f"--reference: a command comes at {inside[0]:g} s, expected a window without commands"])
-    plan = build(ship, h, fidelity)
+    ship = scenario.ship_at_start(ship)
+    plan = build(ship, h, fidelity, scenario.rules)
     work, _ = start(plan, ship, scenario)
     run = Run(plan, work)
-    go(run, scenario.events, span.first * h, interlocks=Interlocks(ship, plan))
+    go(
+        run,
+        scenario.events,
+        span.first * h,
+        interlocks=Interlocks(ship, plan),
+        operator=operator_of(scenario.rules, ship, plan),
+    )
     if run.failure:
         raise SolverError(run.failure)
     begin = work.snapshot()

@@ -2,7 +2,7 @@
 // Draws a report's plots from the data in the page: the band of events, and one uPlot a panel, all on one time axis.
 (function () {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const LEFT = 118, RIGHT = 14, ROW = 19, HEIGHT = 150;
+  const LEFT = 118, RIGHT = 22, ROW = 19, HEIGHT = 150, PAPER = 700;
   const [FIRST, LAST] = data.range;
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const colour = (k) => css("--c" + (k % 6));
@@ -102,8 +102,67 @@
       hooks: { setScale: [(self, key) => { if (key === "x") zoom(self.scales.x.min, self.scales.x.max); }] },
     }, columns, box);
     u.setScale("x", { min: range[0], max: range[1] });
+    u.onPaper = () => vector(u, panel, last, box);
     u.over.addEventListener("dblclick", () => zoom(FIRST, LAST));
     plots.push(u);
+  }
+
+  function element(tag, attributes, text) {
+    const e = document.createElementNS("http://www.w3.org/2000/svg", tag);
+    for (const key in attributes) e.setAttribute(key, attributes[key]);
+    if (text != null) e.textContent = text;
+    return e;
+  }
+
+  function rounds(low, high) {                     // round numbers between two values, four of them or so
+    const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw));
+    const step = power * [1, 2, 2.5, 5, 10].find((k) => k * power >= raw), made = [];
+    for (let k = Math.ceil(low / step - 1e-6); k * step <= high + 1e-6 * step; k++) made.push(+(k * step).toPrecision(8));
+    return made;
+  }
+
+  function vector(u, panel, last, box) {           // what the canvas shows, drawn as lines: for paper
+    const W = PAPER, H = last ? 132 : 118, left = LEFT, right = W - RIGHT, top = 6, bottom = H - (last ? 18 : 4);
+    const { min: x0, max: x1 } = u.scales.x, { min: y0, max: y1 } = u.scales.y;
+    const X = (t) => left + (right - left) * (t - x0) / (x1 - x0), Y = (v) => bottom - (bottom - top) * (v - y0) / (y1 - y0);
+    const svg = element("svg", { viewBox: `0 0 ${W} ${H + 16}`, class: "vector" });
+    const clip = "clip" + plots.indexOf(u), inside = element("g", { "clip-path": `url(#${clip})`, fill: "none" });
+    const cut = element("clipPath", { id: clip });
+    cut.append(element("rect", { x: left, y: top, width: right - left, height: bottom - top }));
+    svg.append(cut);
+    const line = (host, x, y, toX, toY, stroke, more) => host.append(element("line", { x1: x, y1: y, x2: toX, y2: toY, stroke, ...more }));
+    for (const v of rounds(y0, y1)) {
+      line(svg, left, Y(v), right, Y(v), css("--grid"));
+      svg.append(element("text", { x: left - 8, y: Y(v) + 4, "text-anchor": "end" }, String(v)));
+    }
+    const at = ticks(null, 0, x0, x1), words = labels(at);
+    at.forEach((t, k) => {
+      line(svg, X(t), top, X(t), bottom, css("--grid"));
+      if (last) svg.append(element("text", { x: X(t), y: H - 4, "text-anchor": "middle" }, words[k]));
+    });
+    for (const [t] of data.events) line(inside, X(t), top, X(t), bottom, css("--line"));
+    for (const l of panel.limits)
+      line(inside, X(Math.max(l.start || 0, FIRST)), Y(l.level), X(l.end == null ? LAST : l.end), Y(l.level), css("--limit"), { "stroke-dasharray": "5 4", "stroke-opacity": 0.7 });
+    const trace = (values) => values.map((v, k) => (v == null ? "" : `${k && values[k - 1] != null ? "L" : "M"}${X(panel.time[k]).toFixed(2)} ${Y(v).toFixed(2)}`)).join("");
+    let x = left;
+    panel.signals.forEach((s, k) => {
+      if (!s.high) return;
+      let start = 0;
+      for (let n = 0; n <= s.high.length; n++) {   // a polygon for each part without gaps
+        if (n < s.high.length && s.high[n] != null) continue;
+        const rows = panel.time.slice(start, n).map((_, j) => start + j), point = (j, v) => `${X(panel.time[j]).toFixed(2)},${Y(v).toFixed(2)}`;
+        if (rows.length) inside.append(element("polygon", { fill: colour(k), "fill-opacity": 0.25, points: [...rows.map((j) => point(j, s.high[j])), ...rows.reverse().map((j) => point(j, s.low[j]))].join(" ") }));
+        start = n + 1;
+      }
+    });
+    panel.signals.forEach((s, k) => {
+      inside.append(element("path", { d: trace(s.values), stroke: colour(k), "stroke-width": panel.signals.length === 1 ? 1.3 : k === 0 ? 2.2 : 1 }));
+      svg.append(element("rect", { x, y: H + 4, width: 9, height: 9, fill: colour(k) }), element("text", { x: x + 14, y: H + 12.5 }, s.name));
+      x += 30 + 7 * s.name.length;
+    });
+    svg.append(inside);
+    box.querySelector(".vector")?.remove();
+    box.append(svg);
   }
 
   function zoom(low, high) {
@@ -116,16 +175,12 @@
   }
 
   function drawBand() {
-    const space = "http://www.w3.org/2000/svg", rows = data.bars.length, h = (rows + 1) * ROW + 4, plot = width - LEFT - RIGHT;
-    const svg = document.createElementNS(space, "svg");
-    svg.setAttribute("viewBox", `0 0 ${width} ${h}`);
-    svg.setAttribute("height", h);
+    const rows = data.bars.length, h = (rows + 1) * ROW + 4, plot = width - LEFT - RIGHT;
+    const svg = element("svg", { viewBox: `0 0 ${width} ${h}`, height: h });
     const at = (t) => LEFT + plot * (t - range[0]) / (range[1] - range[0]);
     const add = (tag, attributes, text, title) => {
-      const e = document.createElementNS(space, tag);
-      for (const key in attributes) e.setAttribute(key, attributes[key]);
-      if (text != null) e.textContent = text;
-      if (title) { const t = document.createElementNS(space, "title"); t.textContent = title; e.append(t); }
+      const e = element(tag, attributes, text);
+      if (title) e.append(element("title", {}, title));
       svg.append(e);
       return e;
     };
@@ -169,6 +224,8 @@
   new ResizeObserver(() => { if (host.clientWidth && host.clientWidth !== width) resize(host.clientWidth); }).observe(host);
   const redraw = () => { for (const u of plots) u.redraw(false); drawBand(); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  matchMedia("print").addEventListener("change", (event) => { if (event.matches) resize(700); redraw(); });
+  const paper = () => { if (width !== PAPER) resize(PAPER); redraw(); for (const u of plots) u.onPaper(); };
+  matchMedia("print").addEventListener("change", (event) => { if (event.matches) paper(); else redraw(); });
+  addEventListener("beforeprint", paper);
   addEventListener("afterprint", () => resize(host.clientWidth));
 })();
