@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from shipgrid.components.electrical.resistor import Resistor
     from shipgrid.components.electrical.rl_branch import RlBranch
     from shipgrid.components.electrical.rlc_branch import RlcBranch
+    from shipgrid.components.electrical.saturable_core import SaturableCore
+    from shipgrid.components.electrical.saturable_transformer import SaturableTransformer
     from shipgrid.components.electrical.three_pole_breaker import ThreePoleBreaker
     from shipgrid.components.electrical.transformer import Transformer
     from shipgrid.components.electrical.voltage_dependent_load import VoltageDependentLoad
@@ -96,6 +98,8 @@ __all__ = [
     "RlBranch",
     "RlcBranch",
     "Sampled",
+    "SaturableCore",
+    "SaturableTransformer",
     "Scenario",
     "Set",
     "Ship",
@@ -140,6 +144,8 @@ _HOMES = {
     "shipgrid.components.electrical.resistor": ("Resistor",),
     "shipgrid.components.electrical.rl_branch": ("RlBranch",),
     "shipgrid.components.electrical.rlc_branch": ("RlcBranch",),
+    "shipgrid.components.electrical.saturable_core": ("SaturableCore",),
+    "shipgrid.components.electrical.saturable_transformer": ("SaturableTransformer",),
     "shipgrid.components.electrical.three_pole_breaker": ("ThreePoleBreaker",),
     "shipgrid.components.electrical.transformer": ("Transformer",),
     "shipgrid.components.electrical.dc_load": ("DcLoad",),

@@ -15,6 +15,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import shipgrid as sg
+from shipgrid.controllers.grid_forming import GridForming
+from validation import small_signal_rig as rig
 
 V, F = 400.0, 60.0
 OMEGA, PEAK = 2.0 * math.pi * F, math.sqrt(2.0 / 3.0) * V
@@ -324,3 +326,47 @@ def test_a_motor_at_rest_has_the_eigenvalues_of_its_equations_in_turning_axes():
     for expected in np.linalg.eigvals(A):
         assert np.abs(modes.eigenvalues - expected).min() < 1e-4 * abs(expected), expected
     assert modes.stable
+
+
+# --- a motor on an inverter -------------------------------------------------------------------------------------------
+
+GAINS = {
+    "default": {name: getattr(GridForming(), name) for name in rig.DESIGN},
+    "motors": {"R_v": 0.25, "omega_RV": 11.0, "K_pv": 0.5, "K_iv": 120.0, "F_i": 0.86,
+               **{name: getattr(GridForming(), name) for name in ("K_pc", "K_ic", "F_v")}},
+}  # fmt: skip
+SHORE = sg.ThreePhaseSource(R=0.0285, L=0.111 / OMEGA)
+"""Grid of 5 MVA, transformer of 0.05 pu on 100 kVA, 30 m of cable."""
+
+
+def rightmost(gains: str, loads: list, units: int = 1, conductance: float = 0.0) -> complex:
+    """Eigenvalue of the sampled plant, inverters with loads, that is damped least."""
+    start = rig.near_nominal(units)
+    for k, item in enumerate(loads):
+        if isinstance(item, sg.InductionMotor):
+            slip = brentq(lambda s, m=item: phasors(m, s)[1] - m.t_n * (1.0 - s) ** 2, 1e-3, 0.2)
+            start |= {f"load_{k}.{name}": value for name, value in at_slip(item, slip).items()}
+    plan = rig.grid_forming("default", loads, conductance, units, **GAINS[gains])
+    point = sg.steady_state(plan, start=start)
+    return max(sg.linearise(plan, point, method="sampled").modes().eigenvalues, key=lambda z: z.real)
+
+
+@pytest.mark.parametrize(
+    ("gains", "p", "expected"),
+    [("default", 1e3, -16.3), ("default", 2e3, 1.8 + 268j), ("default", 4e3, 21.7 + 234j), ("motors", 2e3, -10.6),
+     ("motors", 4e3, -6.7 + 222j), ("motors", 8e3, 6.8 + 182j)],
+)  # fmt: skip
+def test_a_motor_on_an_inverter_is_an_induction_generator_to_what_turns_slower(gains, p, expected):
+    """Beside 8 kW of lights. In the motor's own axes the mode turns at 60 Hz less its frequency: below its speed."""
+    found = rightmost(gains, [sg.Load(p_0=8e3), sg.InductionMotor(p_n=p)])
+    assert found.real == pytest.approx(expected.real, abs=0.3)
+    assert abs(found.imag) == pytest.approx(expected.imag, abs=5.0)
+
+
+def test_the_gains_for_motors_are_damped_in_every_other_case_too():
+    assert rightmost("motors", [sg.Load(p_0=20.0)]).real == pytest.approx(-11.0, abs=0.3)
+    assert rightmost("motors", [sg.Load(p_0=8e3), SHORE]).real == pytest.approx(-3.5, abs=0.3)
+    assert rightmost("motors", [sg.Load(p_0=20e3)], units=2).real == pytest.approx(-2.0, abs=0.3)
+    loads, conductance = rig.parallel(8e3, 0.7)
+    assert rightmost("motors", list(loads), conductance=conductance).real == pytest.approx(-10.6, abs=0.3)
+    assert rightmost("default", [sg.Load(p_0=8e3), SHORE]).real == pytest.approx(-6.2, abs=0.3)

@@ -154,16 +154,18 @@ def moved_bar(tie: AcBreaker, ship: Any) -> tuple[str, float]:
 
 
 def trims_of(bar: str, ship: Any) -> dict[str, str]:
-    """Trims for the inverters of a bar, by the grid-forming control's input, from the tie that moves it (if any).
+    """Trims for the inverters of a bar, by the control's input, from the tie or shore connection that moves it.
 
     Raises
     ------
     TopologyError
-        If two ties move it.
+        If two move it.
     """
     ties = [name for name, tie in ship.items("ac_breaker").items() if moved_bar(tie, ship)[0] == bar]
+    ties += [name for name, shore in ship.items("shore_connection").items() if shore.bus == bar]
     if len(ties) > 1:
         raise TopologyError(
-            f"{' and '.join(ties)} both move {bar}, expected one: exchange 'from' and 'to' of the other"
+            f"{' and '.join(ties)} both move {bar}, expected one: exchange 'from' and 'to' of a tie, or move a shore "
+            "connection to another bar"
         )
     return {trim: f"{ties[0]}.sequence.{trim}" for trim in ("dw_sync", "dV_sync", "dp_sync")} if ties else {}

@@ -8,10 +8,11 @@ An equipment kind is a frozen dataclass made by `equipment`. Its fields are what
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar, dataclass_transform
 
+from shipgrid.errors import ParameterError
 from shipgrid.model.component import check_parameters, param, unit_of
 
 
@@ -139,6 +140,30 @@ def equipment(
         return made
 
     return decorate
+
+
+def refuse_other(item: Any, part: str, owners: Iterable[tuple[str, str]]) -> None:
+    """Refuse a block that says differently what the item itself, or what it refers to, says.
+
+    Parameters
+    ----------
+    item : equipment
+    part : str
+        Key of the block.
+    owners : iterable of (str, str)
+        Keys of the block, and the item's key that has the say.
+
+    Raises
+    ------
+    ParameterError
+        For the first that does.
+    """
+    own = getattr(item, part)
+    for name, owner in owners:
+        said, default = getattr(own, name), getattr(type(own), name)
+        if said not in (default, getattr(item, owner)):
+            kind = item.__equipment__.kind
+            raise ParameterError(f"{kind}.{part}.{name} = {said:g} is set by {kind}.{owner}")
 
 
 def is_quantity(hint: Any) -> bool:

@@ -19,8 +19,8 @@ from shipgrid.components.sources.synchronous_generator import SynchronousGenerat
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.exciter_ac1a import Ac1a
 from shipgrid.controllers.governor_degov1 import Degov1
-from shipgrid.equipment.declaration import EQUIPMENT, Command, Published, block, equipment, switch
-from shipgrid.errors import ParameterError, TopologyError
+from shipgrid.equipment.declaration import EQUIPMENT, Command, Published, block, equipment, refuse_other, switch
+from shipgrid.errors import TopologyError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Delayed, Every
 from shipgrid.model.ops import absolute
@@ -211,10 +211,7 @@ class Genset:
 
     def check(self) -> None:
         """Refuse a machine block that says the rating again, or differently, and reactances out of order."""
-        for own, name in (("rating", "S_n"), ("v_n", "v_n"), ("f_n", "f_n"), ("inertia_H", "H")):
-            said, default = getattr(self.machine, name), getattr(SynchronousGenerator, name)
-            if said not in (default, getattr(self, own)):
-                raise ParameterError(f"genset.machine.{name} = {said:g} is set by genset.{own}")
+        refuse_other(self, "machine", (("S_n", "rating"), ("v_n", "v_n"), ("f_n", "f_n"), ("H", "inertia_H")))
         derive(self.machine)
 
     def build(self, net, name, ship):

@@ -23,9 +23,8 @@ from typing import Any
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.rectifier_control import RectifierControl
-from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference
+from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference, refuse_other
 from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
-from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Sampled
 from shipgrid.model.ops import absolute, hypot, maximum, minimum
@@ -282,20 +281,9 @@ class Rectifier:
 
     def check(self) -> None:
         """Refuse a control block that says differently what is said above it."""
-        for part, name, own in (
-            ("control", "S_n", "rating"),
-            ("control", "K_v", "dc_droop"),
-            ("control", "K_e", "ac_droop"),
-            ("control", "L_1", "lcl_preset"),
-            ("control", "V_n", "source"),
-            ("control", "f_n", "source"),
-            ("control", "V_dc_n", "bus"),
-            ("sequence", "v_n", "source"),
-        ):
-            block = getattr(self, part)
-            said, default = getattr(block, name), getattr(type(block), name)
-            if said not in (default, getattr(self, own)):
-                raise ParameterError(f"rectifier.{part}.{name} = {said:g} is set by rectifier.{own}")
+        owners = (("S_n", "rating"), ("K_v", "dc_droop"), ("K_e", "ac_droop"), ("L_1", "lcl_preset"))
+        refuse_other(self, "control", (*owners, ("V_n", "source"), ("f_n", "source"), ("V_dc_n", "bus")))
+        refuse_other(self, "sequence", (("v_n", "source"),))
 
     def outer_loops(self) -> dict[str, float]:
         """Droops and gains of the outer loops in the reading of the paper that is chosen.

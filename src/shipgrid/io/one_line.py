@@ -26,9 +26,12 @@ DIRECT_IN, DIRECT_OUT = '<text class="small" x="-8" y="-5">=</text>', '<text cla
 MACHINE = (
     '<circle class="body" r="18"/><text class="letter" y="-1">{}</text><path class="thin" d="M-8,8q4,-6 8,0t8,0"/>'
 )
+SHORE = '<circle class="body" cx="-6" r="11"/><circle class="body" cx="6" r="11"/><path class="thin" d="M17,-9V9"/>'
 SYMBOLS = {
     "genset": MACHINE.format("G"),
     "propulsion": MACHINE.format("M"),
+    "ac_motor": MACHINE.format("M"),
+    "shore_connection": SHORE,
     "rectifier": SQUARE + WAVE_IN + DIRECT_OUT,
     "bess": SQUARE + DIRECT_IN + DIRECT_OUT,
     "inverter": SQUARE + DIRECT_IN + WAVE_OUT,

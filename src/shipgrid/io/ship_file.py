@@ -45,8 +45,10 @@ BUILD_ORDER = (
     "hull",
     "inverter",
     "ac_load",
+    "ac_motor",
     "dc_breaker",
     "ac_breaker",
+    "shore_connection",
 )
 """Kinds in the order in which items are built; kinds not named here follow, in the order of the file."""
 
@@ -56,6 +58,7 @@ FEEDS = {
     "inverter": ("bus", "grid"),
     "dc_breaker": ("from_", "to"),
     "ac_breaker": ("from_", "to"),
+    "shore_connection": (None, "bus"),
 }
 """Kinds that feed a bus: field of the bus the power comes from (None: a source of its own), field of the bus fed."""
 

@@ -281,7 +281,7 @@ class Network:
         path : str
             Its name, unique in the plant.
         item : component instance
-            Parameters.
+            Parameters; or a device of several components, which places them itself (`SaturableTransformer`).
         ports : mapping of str to DcBus, AcBus, Across, Pole, Pole3 or PortBinding
             For a network element: where each terminal is connected; `ends` says the same.
         inputs : mapping of str to str or float
@@ -305,6 +305,9 @@ class Network:
         TopologyError
             If the path is taken, or terminals and connections do not match.
         """
+        if hasattr(item, "place"):  # several components that stand for one device
+            item.place(self, path, {**(ports or {}), **ends})
+            return
         kind = type_of(item)
         given = self._ends(path, kind, {**(ports or {}), **ends})
         if contact is not None and not kind.variants and "close" in {f.name for f in fields_of(kind.input)}:
