@@ -558,11 +558,11 @@ def _say_realtime(found: dict[str, Any]) -> None:
     from shipgrid.cli import listing
     from shipgrid.realtime.monitor import LONGEST, NAMES
 
-    def micro(seconds: float | None) -> str:
-        more = ">= " if seconds is not None and seconds >= LONGEST else ""
+    def micro(which: str, seconds: float | None) -> str:
+        more = ">= " if which != "worst" and seconds is not None and seconds >= LONGEST else ""
         return "" if seconds is None else f"{more}{1e6 * seconds:.2f}"
 
-    rows = [(name, *(micro(found[name].get(p)) for p in PERCENTILES)) for name in NAMES]
+    rows = [(name, *(micro(p, found[name].get(p)) for p in PERCENTILES)) for name in NAMES]
     listing.table("time of a step, us", ("", *PERCENTILES), rows)
     for worst in found["worst_steps"][:WORST_SHOWN]:
         took = f"{1e6 * worst['computation_s']:.1f} us"

@@ -40,6 +40,8 @@ class Panel:
     """Least height of the axis: what would fill it is not worth more."""
     none: float | None = None
     """A value that means there is none: the frequency of a dead bar."""
+    band: bool = True
+    """Whether extremes are drawn: one late step of a second would hide the others."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,8 @@ PANELS = (
     Panel("Propeller thrust", "kN", "propeller", "thrust", 1e-3),
     Panel("Voltage of the AC bars", "pu", "ac", "v_pu", least=0.1),
     Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0, none=0.0),
-    Panel("Computation of a step", "µs", "realtime.core", "computation", 1e6),
-    Panel("Idle time of a step", "µs", "realtime.core", "idle", 1e6),
-    Panel("Overruns so far", "", "realtime.core", "overruns", least=1.0),
+    Panel("Time of a step, mean of each second", "µs", "realtime.core", "(computation|idle)", 1e6, band=False),
+    Panel("Overruns so far", "", "realtime.core", "overruns", least=1.0, band=False),
 )
 STATES = (
     ("dc_tie", "closed", {1: "closed"}),
@@ -119,9 +120,9 @@ def signals_of(run: Results, kind: str, symbol: str) -> list[str]:
     run : Results
         What was recorded.
     kind, symbol : str
-        Beginning of the item's name, and the signal's name after the dot.
+        Beginning of the item's name, and the signal's name after the dot, a regular expression.
     """
-    pattern = re.compile(rf"{re.escape(kind)}(_\w+)?\.{re.escape(symbol)}")
+    pattern = re.compile(rf"{re.escape(kind)}(_\w+)?\.{symbol}")
     found = [name for name in run.signals if pattern.fullmatch(name)]
     return sorted(found, key=lambda name: ("_for." not in name, name))
 
@@ -141,7 +142,7 @@ def _panel(panel: Panel, run: Results, names: Sequence[str]) -> dict[str, Any]:
     signals = []
     for name, (value, low, high) in zip(names, curves, strict=True):
         signal: dict[str, Any] = {"name": name, "values": _numbers(value * panel.factor)}
-        if np.any(high > low + VISIBLE * span):
+        if panel.band and np.any(high > low + VISIBLE * span):
             signal["low"], signal["high"] = _numbers(low * panel.factor), _numbers(high * panel.factor)
         signals.append(signal)
     return {

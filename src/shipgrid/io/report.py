@@ -99,6 +99,7 @@ def render(run: Results) -> str:
         data=json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
         reduced=reduction(panels),
         windows=windows_of(run),
+        clock_table=clock_table(run.summary.get("realtime") or {}),
         energy=energy_table(run.summary.get("energy") or {}),
         events_shown=EVENTS_SHOWN,
         provenance=provenance(run),
@@ -176,6 +177,24 @@ def reduction(panels: list[dict[str, Any]]) -> str:
         f"Curves are means over recording intervals, about {POINTS} of up to {shown}, chosen by MinMaxLTTB; shaded "
         "bands are the extremes between them. Zooming in does not show more; results.nc has every recorded value."
     )
+
+
+def clock_table(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Rows of the table about a live run's clock: what, and its percentiles in microseconds.
+
+    Parameters
+    ----------
+    found : mapping
+        The summary's `realtime`; no rows without one.
+    """
+    from shipgrid.realtime.monitor import LONGEST, NAMES, PERCENTILES
+
+    def micro(label: str, value: float | None) -> str:
+        beyond = label in PERCENTILES and value is not None and value >= LONGEST
+        return "" if value is None else f"{'≥ ' if beyond else ''}{1e6 * value:.2f}"
+
+    labels = ("mean", *PERCENTILES, "worst")
+    return [(name, *(micro(label, found[name].get(label)) for label in labels)) for name in NAMES if name in found]
 
 
 def energy_table(energy: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:

@@ -80,7 +80,7 @@ def figures(pace: PaceWork, h: float, factor: float) -> dict[str, Any]:
     found: dict[str, Any] = {"steps": int(p.steps), "step_s": h, "factor": factor}
     for k, name in enumerate(NAMES):
         found[name] = {label: percentile(pace.pace_histogram[k], share) for label, share in PERCENTILES.items()}
-    found["computation"] |= {"mean": 1e-9 * p.computed / steps}
+    found["computation"] |= {"mean": 1e-9 * int(p.computed) / steps}
     worst = sorted((w for w in pace.pace_worst if w.computation > 0), key=lambda w: -w.computation)
     if worst:
         found["computation"]["worst"] = 1e-9 * int(worst[0].computation)

@@ -495,7 +495,7 @@ def _conclude(
         "steps": work.n,
         "wall_s": run.wall_s,
         "startup_s": kept["startup_s"],
-        "us_per_step": 1e6 * run.wall_s / max(1, work.n),
+        "us_per_step": 1e6 * (run.realtime["computation"]["mean"] if run.realtime else run.wall_s / max(1, work.n)),
         "start_drift_per_s": kept["drift"],
         "energy": energy,
         "energy_balance_error": imbalance,
