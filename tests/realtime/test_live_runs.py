@@ -10,11 +10,12 @@ import time
 
 import pytest
 
-from scenarios.killed_runs import simulate, started
+from scenarios.killed_runs import simulate, snapshots, started
 from scenarios.test_resume import recorded, same
 from shipgrid.errors import ParameterError
 from shipgrid.realtime.executive import Executive
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import runner, snapshot
+from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, unfinished
 from shipgrid.scenarios.outside import COMMANDS, read_outside
 
 HURRY = 1000.0
@@ -105,6 +106,28 @@ def test_ctrl_c_stops_it_cleanly_and_it_goes_on_live_or_not(offline, tmp_path):
     assert results.summary["interrupted"] and steps_at[0] >= 4000
     simulate(tmp_path / "run", live=Executive(HURRY), resume=True)
     assert same(tmp_path / "run", offline)
+
+
+def test_a_live_run_that_is_killed_goes_on_from_its_last_snapshot(offline, tmp_path):
+    place = tmp_path / "run"
+    child = os.fork()
+    if child == 0:
+        try:
+            simulate(place, live=Executive(0.25, snapshot_every=0.2))  # six seconds
+        finally:
+            os._exit(0)
+    seen: set = set()
+    while len(seen) < 4:  # of the start, and three while it sails
+        seen |= snapshots(place)
+        assert os.waitpid(child, os.WNOHANG) == (0, 0), "it ended before it could be killed"
+        time.sleep(1e-3)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    (left,) = unfinished(place)
+    about, _ = snapshot.read(left / UNFINISHED / SNAPSHOT)
+    assert about["n"] > 1000  # not the start
+    simulate(place, resume=True)
+    assert same(place, offline)
 
 
 def test_a_pause_is_no_overrun(offline, tmp_path):

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import math
 import os
 import resource
 import sys
@@ -25,7 +26,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from shipgrid.analysis.divergence import culprit
-from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import LowSocOperator
@@ -38,6 +39,7 @@ from shipgrid.realtime.shared import SharedArrays
 from shipgrid.scenarios.outside import COMMANDS, Outside
 from shipgrid.scenarios.row_log import RowLog
 from shipgrid.scenarios.runner import Interrupt, Keeper, Progress, Run, last_rows, logged_events, time_of_a_step
+from shipgrid.scenarios.snapshot import copied
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import FOREVER, WaveRecorder, Window
 from shipgrid.solvers import pacing
@@ -77,6 +79,9 @@ class Executive:
         For tests: nanoseconds that each step takes, in turn, on a clock that does not exist.
     attached : callable, optional
         Called with the shared arrays and the run before the first step; what it returns is called after the last.
+    snapshot_every : float
+        Wall-clock time [s] between two snapshots, from which the run can be continued; each keeps the loop for some
+        tens of microseconds. One is always written at the start, and when the run is stopped.
 
     Raises
     ------
@@ -89,8 +94,10 @@ class Executive:
     core: int | None = None
     virtual_cost: Sequence[int] | None = None
     attached: Callable[[SharedArrays, Run], Callable[[], dict[str, Any]]] | None = None
+    snapshot_every: float = math.inf
     paused: threading.Event = field(default_factory=threading.Event, init=False)
     stopped: threading.Event = field(default_factory=threading.Event, init=False)
+    wanted: threading.Event = field(default_factory=threading.Event, init=False)
     singles: int = field(default=0, init=False)
     found: dict[str, Any] = field(default_factory=dict, init=False)
     pace: pacing.PaceWork = field(default_factory=pacing.no_pace, init=False)
@@ -124,6 +131,11 @@ class Executive:
         """End a pause."""
         self.paused.clear()
 
+    def snapshot(self) -> None:
+        """Have a snapshot written of the state before the next step, while the run goes on."""
+        self.wanted.set()
+        self.pace.pacer[0].stop = 1
+
     def stop(self) -> None:
         """End the run before its next step, to be continued."""
         self.stopped.set()
@@ -156,7 +168,7 @@ class Executive:
             plan, work, run.events, timeline, said, None, interlocks, operator, outside, continued=run.continued
         )
         with (log.folder / COMMANDS).open("a") as kept, shared:
-            steps = _Steps(self, run, due, waves, round(end / plan.h), kept)
+            steps = _Steps(self, run, due, waves, round(end / plan.h), kept, keeper)
             written = self._record(steps, shared, log, end, progress)
         if steps.wrong is not None:
             raise steps.wrong
@@ -178,7 +190,7 @@ class Executive:
         self, steps: _Steps, shared: SharedArrays, log: RowLog, end: float, progress: Progress | None
     ) -> dict[str, Any]:
         """Run the steps while another process records them; what that one says at the end."""
-        run, plan, n = steps.plant, steps.plant.plan, steps.plant.work.n
+        run, plan, n, keeper = steps.plant, steps.plant.plan, steps.plant.work.n, steps.keeper
         every = {name: round(period / plan.h) for name, period in log.periods.items()}
         windows = [(window.first, window.last, window.group) for window in steps.waves.windows]
         told = {"n": n, "step": plan.h, "every": every, "windows": windows, "weights": steps.waves.weights.tolist()}
@@ -193,6 +205,13 @@ class Executive:
                         steps.log_events()
                         if interrupt.asked:
                             self.stop()
+                        if time.monotonic() - keeper.written > self.snapshot_every and not self.wanted.is_set():
+                            self.snapshot()
+                        if steps.state is not None:
+                            state, logged, counted = steps.state
+                            steps.state = None
+                            recording.sync()
+                            keeper.put(state, logged, recording.rows(windows, n, counted))
                         if progress is not None:
                             progress((n + int(self.pace.pacer[0].steps)) * plan.h, end)
             finally:
@@ -244,12 +263,24 @@ class _Steps(threading.Thread):
         Step number to stop at.
     kept : TextIO
         Where commands from outside are written.
+    keeper : Keeper
+        What knows what a snapshot has besides the workspace.
     """
 
-    def __init__(self, executive: Executive, run: Run, due: Timeline, waves: WaveRecorder, last: int, kept: TextIO):
+    def __init__(
+        self,
+        executive: Executive,
+        run: Run,
+        due: Timeline,
+        waves: WaveRecorder,
+        last: int,
+        kept: TextIO,
+        keeper: Keeper,
+    ):
         super().__init__(name="shipgrid-steps", daemon=True)
         self.executive, self.plant, self.due, self.waves, self.last = executive, run, due, waves, last
-        self.kept = kept
+        self.kept, self.keeper = kept, keeper
+        self.state: tuple[Workspace, dict[str, Any], dict[str, np.ndarray]] | None = None
         self.wrong: BaseException | None = None
         self.found: dict[str, Any] = {}
         self.events_seen = self.applied_seen = 0
@@ -275,6 +306,8 @@ class _Steps(threading.Thread):
             p.stop = 0
             if executive.stopped.is_set():
                 break
+            if executive.wanted.is_set():
+                self._copy_state()
             if executive.paused.is_set() and executive.singles == 0:
                 spent += int(p.now) - began
                 while executive.paused.is_set() and executive.singles == 0 and not executive.stopped.is_set():
@@ -302,6 +335,16 @@ class _Steps(threading.Thread):
             "end_after_deadline_s": 1e-9 * (int(p.now) - due),
             "involuntary_switches": resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw - before,
         }
+
+    def _copy_state(self) -> None:
+        """Copy what a snapshot has, for the main thread to write."""
+        work = self.plant.work
+        self.log_events()
+        counted = {"rows": work.step.rows, "pace_count": work.pace.pace_count, "wave_row": work.step.wave_row}
+        counted = {name: array.copy() for name, array in counted.items()}
+        self.state = copied(work), self.keeper.logged(self.plant), counted
+        self.executive.wanted.clear()
+        work.pace.pacer[0].did |= pacing.VISITED
 
     def _anchor(self) -> int:
         """Let the next step begin now; the clock [ns]."""

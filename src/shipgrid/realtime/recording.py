@@ -10,6 +10,7 @@ import json
 import select
 import subprocess
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,27 @@ from shipgrid.scenarios.row_log import RowLog
 
 LOOK = 0.05
 """Time [s] between two looks at the rings."""
+SYNC = "sync\n"
+"""Word for: take what is there, put it on the disk, and say when that is done."""
+
+
+def spans(windows: Iterable[tuple[int, int, str]], n: int) -> list[tuple[str, int, int, int]]:
+    """Group, first step, number of the first row and number after the last, of each window that goes on after step `n`.
+
+    Parameters
+    ----------
+    windows : iterable of (int, int, str)
+        First and last step, group; rows are counted through all of them.
+    n : int
+        Steps done before the recording began.
+    """
+    found, before = [], 0
+    for first, last, group in windows:
+        first = max(first, n + 1)
+        if first <= last:
+            found.append((group, first, before, before + last - first + 1))
+            before += last - first + 1
+    return found
 
 
 class Ring:
@@ -54,6 +76,12 @@ class Ring:
             self.taken += many
 
 
+def wave_count(wave_row: np.ndarray) -> int:
+    """Rows of waveform windows so far, of the counter that says whether one is open as well."""
+    state = int(wave_row[0])
+    return state if state >= 0 else -1 - state
+
+
 class Recorder:
     """What the process does, and what it is told.
 
@@ -78,20 +106,13 @@ class Recorder:
             self.rings.append((ring, arrays[counter], k))
         self.step, self.waves, self.waves_taken, self.waves_lost = step, arrays["wave_rows"], 0, 0
         self.weights = np.array(told["weights"])
-        self.windows = []  # (group, first step, number of its first row, number after its last)
-        before = 0
-        for first, last, group in told["windows"]:
-            first = max(first, n + 1)
-            if first <= last:
-                self.windows.append((group, first, before, before + last - first + 1))
-                before += last - first + 1
+        self.windows = spans(told["windows"], n)
 
     def look(self) -> None:
         """Take what is new."""
         for ring, counter, k in self.rings:
             ring.take(int(counter[k]), self.log)
-        state = int(self.arrays["wave_row"][0])
-        count, capacity = state if state >= 0 else -1 - state, len(self.waves)
+        count, capacity = wave_count(self.arrays["wave_row"]), len(self.waves)
         if count - self.waves_taken > capacity - 1:
             self.waves_lost += count - (capacity - 1) - self.waves_taken
             self.waves_taken = count - (capacity - 1)
@@ -115,11 +136,13 @@ def main() -> None:
     with RowLog(Path(told["folder"]), told["groups"], told["periods"], told["attributes"], told["rows"]) as log:
         recorder = Recorder(shared.arrays, told, log)
         print("ready", flush=True)
-        failure = ""
-        while not failure and not select.select([sys.stdin], [], [], LOOK)[0]:
+        failure, asked, rows = "", "a look", {}
+        while not failure and asked:
+            asked = sys.stdin.readline() if select.select([sys.stdin], [], [], LOOK)[0] else "a look"
             failure = _attempt(recorder.look)
-        failure = failure or _attempt(recorder.look)
-        rows: dict[str, int] = {}
+            if asked == SYNC:
+                failure = failure or _attempt(lambda: rows.update(log.sync()))
+                print(failure, flush=True)
         failure = failure or _attempt(lambda: rows.update(log.sync()))
     print(json.dumps({"rows": rows, "lost": recorder.lost(), "failure": failure}), flush=True)
 
@@ -147,7 +170,8 @@ class Recording:
 
     def __init__(self, shared: SharedArrays, log: RowLog, told: dict[str, Any]):
         told |= {"memory": str(shared.path), "folder": str(log.folder), "groups": log.groups}
-        told |= {"periods": log.periods, "attributes": log.attributes, "rows": log.sync()}
+        self.before = log.sync()
+        told |= {"periods": log.periods, "attributes": log.attributes, "rows": self.before}
         self.process = subprocess.Popen(
             [sys.executable, "-m", "shipgrid.realtime.recording"],
             stdin=subprocess.PIPE,
@@ -160,6 +184,41 @@ class Recording:
         self.process.stdin.flush()
         if self.process.stdout.readline() != "ready\n":
             raise OSError("the recording process did not start")
+
+    def sync(self) -> None:
+        """Have everything recorded so far on the disk.
+
+        Raises
+        ------
+        OSError
+            If that cannot be.
+        """
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write(SYNC)
+        self.process.stdin.flush()
+        failure = self.process.stdout.readline().strip()
+        if failure or self.process.poll() is not None:
+            raise OSError(failure or "the recording process died")
+
+    def rows(
+        self, windows: Iterable[tuple[int, int, str]], n: int, counted: Mapping[str, np.ndarray]
+    ) -> dict[str, int]:
+        """Rows of each group that belong to a state, of the counters as they were then.
+
+        Parameters
+        ----------
+        windows, n
+            As of `spans`.
+        counted : mapping of str to ndarray
+            `rows`, `pace_count`, `wave_row`.
+        """
+        found, waves = dict(self.before), wave_count(counted["wave_row"])
+        for group, k in (("plant", 0), ("slow", 1)):
+            found[group] += int(counted["rows"][k])
+        found["realtime"] += int(counted["pace_count"][0])
+        for group, _, begin, end in spans(windows, n):
+            found[group] += max(0, min(waves, end) - begin)
+        return found
 
     def end(self) -> dict[str, Any]:
         """Let it take the last rows, and hear what it says: `rows` on the disk, `lost`, `failure`."""

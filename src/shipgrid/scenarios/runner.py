@@ -166,12 +166,20 @@ class Keeper:
 
     def write(self, run: Run) -> None:
         """Put the rows on the disk, then the snapshot that goes with them."""
-        moving = {"rows": self.log.sync(), "events": run.events, "limiters": limiter_rows(run), "wall_s": run.wall_s}
+        self.put(run.work, self.logged(run), self.log.sync())
+
+    def logged(self, run: Run) -> dict[str, Any]:
+        """A copy of what the run and those who command it remember besides the workspace."""
+        found = {"events": list(run.events), "limiters": limiter_rows(run), "wall_s": run.wall_s}
         if self.interlocks is not None:
-            moving |= {"held": self.interlocks.held, "said": self.interlocks.said}
+            found |= {"held": dict(self.interlocks.held), "said": dict(self.interlocks.said)}
         if self.operator is not None:
-            moving |= {"operator": self.operator.state}
-        snapshot.write(self.path, run.work, self.about | moving)
+            found |= {"operator": dict(self.operator.state)}
+        return found
+
+    def put(self, work: Workspace, logged: dict[str, Any], rows: dict[str, int]) -> None:
+        """Write a snapshot whose rows are on the disk."""
+        snapshot.write(self.path, work, self.about | logged | {"rows": rows})
         self.written = time.monotonic()
 
 

@@ -161,6 +161,20 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return about, arrays
 
 
+def copied(work: Workspace) -> Workspace:
+    """A copy of what a snapshot has of a workspace, its buffers taken for empty: some ten microseconds.
+
+    Parameters
+    ----------
+    work : Workspace
+        Of a run that goes on.
+    """
+    kept = {name: value.copy() for name, value in work.step._asdict().items() if name not in EMPTIED}
+    kept["rows"][:], kept["event_count"][:], kept["wave_row"][:] = 0, 0, -1
+    net = work.net._replace(**{name: value.copy() for name, value in work.net._asdict().items()})
+    return Workspace(work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace)
+
+
 def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:
     """A workspace of a plan, with the contents of a snapshot of that plan."""
     work = new_workspace(plan)
