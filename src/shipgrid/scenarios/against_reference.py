@@ -82,7 +82,7 @@ def against_reference(
     InputErrors
         If the window is none, or a command falls into it.
     SolverError
-        If the run fails before the window, or the reference cannot follow: blocked legs behind which current can flow.
+        If the run fails before the window, or the reference cannot follow it.
     """
     h = step or (scenario.step if fidelity == "averaged" else None) or DEFAULT_STEP
     (span,) = merged([window], h, scenario.duration)
