@@ -281,7 +281,7 @@ def dc_loop(mode=0.0, **gains):
     return assemble(net, 2e-6)
 
 
-def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
+def grid_forming(preset, loads, conductance=0.0, units=1, f_s=1620.0, **changes):
     """Inverters on one bar, each with its own filter, on a stiff DC bus."""
     control = GridForming(**{**PRESETS[preset], **(DESIGN if preset == "default" else {}), **changes})
     lcl = LclFilter.per_unit(50e3, 400.0, 60.0, L_1=control.L_1, C=0.06, L_2=0.10)
@@ -291,13 +291,13 @@ def grid_forming(preset, loads, conductance=0.0, units=1, **changes):
     net.add("battery", InductiveDcSource(v_0=750.0, R=1e-3, L=1e-9), a=dc)
     for k in range(units):
         name = f"inverter_{k}"
-        clock = Sampled(1620.0)
-        bridge = add_bridge(net, name, dc, control=f"{name}.control", gates=1.0, clock=clock, f_sw=1620.0)
+        clock = Sampled(f_s)
+        bridge = add_bridge(net, name, dc, control=f"{name}.control", gates=1.0, clock=clock, f_sw=f_s)
         net.add_three_phase(f"{name}.lcl", lcl, ports={"converter": bridge, "grid": ac})
         states = (("v_c", "v_c"), ("i_1", "i_1"), ("i_g", "i_2"))
         measured = {f"{to}_{axis}": f"{name}.lcl.{axis}.{of}" for axis in AXES for to, of in states}
         inputs = measured | {"v_dc": "dc.v_dc", "enable": 1.0, "p_ref": net.command(f"{name}.p_ref", 0.0)}
-        net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=Sampled(1620.0))
+        net.add(f"{name}.control", control, inputs=inputs, initial={"v_set": 1.0}, clock=clock)
     if conductance:
         net.conductance(ac, conductance)
     for k, load in enumerate(loads):

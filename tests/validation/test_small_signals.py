@@ -15,6 +15,7 @@ from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
 from shipgrid.analysis.steady_state import advance
 from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.controllers.grid_forming import GridForming
 from shipgrid.controllers.rectifier_control import RectifierControl
 from validation import small_signal_rig as rig
 from validation.test_rectifier import GENSET, Bench, bus_damping
@@ -430,3 +431,46 @@ def test_one_percent_step_of_the_shaft_speed_goes_as_linear_theory_says():
     plan = rig.shaft_line()
     point = steady_state(plan, {"k": 2.0 * 5729.6 / 47.12389}, start={"shaft.omega_m": 0.3 * 47.1})
     agree(plan, point, "n_ref", 0.003, 2.0, ["shaft.omega_m", "speed.speed.i", "motor.i_q"])
+
+
+def sampled_at(f_s):
+    """An inverter with the gains of the check values on a resistance parallel to an inductance, and its worst mode."""
+    loads, conductance = rig.parallel(10e3)
+    plan = rig.grid_forming("default", loads, conductance, f_s=f_s)
+    point = steady_state(plan, start=rig.near_nominal())
+    modes = linearise(plan, point, method="sampled").modes().eigenvalues
+    return plan, point, max(modes, key=lambda z: z.real)
+
+
+@pytest.mark.parametrize(("f_s", "expected"), [(1620.0, -5.9 + 335j), (1.0 / 30e-6, 5.0 + 345j)])
+def test_gains_for_1620_hz_are_unstable_with_control_every_30_us_on_a_resistance_parallel_to_an_inductance(
+    f_s, expected
+):
+    """Gains belong to rate and delay: the shorter delay turns the damping of this mode round."""
+    *_, found = sampled_at(f_s)
+    assert (found.real, abs(found.imag)) == pytest.approx((expected.real, expected.imag), abs=0.6)
+
+
+@pytest.mark.full  # most of a minute to compile
+def test_control_every_30_us_grows_in_the_run_at_the_rate_of_its_eigenvalue():
+    plan, point, fast = sampled_at(1.0 / 30e-6)
+    work, window, place = point.workspace(), round(0.02 / plan.h), plan.layout.index
+    v_c = [place[f"inverter_0.lcl.{axis}.v_c"] for axis in rig.AXES]
+    rest = np.hypot(*work.sig[v_c])
+    work.sig[v_c] *= 1.0 + 1e-3
+    crests, entry, values = [], woven_entry(plan), arguments(plan, work)
+    for n in range(20 * window):
+        assert entry(1, n, *values) == 1
+        crests.append(abs(np.hypot(*work.sig[v_c]) - rest))
+    crests = np.array(crests).reshape(20, window).max(axis=1)[5:]  # without the modes that die away
+    rate = np.polyfit(0.02 * np.arange(len(crests)), np.log(crests), 1)[0]
+    assert rate == pytest.approx(fast.real, abs=0.5)
+    assert crests[-1] < 0.05 * rest  # small still
+
+
+def test_the_default_gains_bear_a_faster_control_no_better():
+    loads, conductance = rig.parallel(10e3)
+    ours = {name: getattr(GridForming(), name) for name in rig.DESIGN}
+    plan = rig.grid_forming("default", loads, conductance, f_s=1.0 / 30e-6, **ours)
+    point = steady_state(plan, start=rig.near_nominal())
+    assert not linearise(plan, point, method="sampled").modes().stable

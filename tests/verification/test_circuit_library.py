@@ -17,10 +17,11 @@ import shipgrid as sg
 from shipgrid.cli.explain import tie_rows
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
-from shipgrid.model.component import type_of
+from shipgrid.model.component import REGISTRY, type_of
 from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 from shipgrid.solvers.reference import reference_run
+from shipgrid.units import Ampere, Ratio, Volt
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TIGHT = {"rtol": 1e-9, "atol": 1e-9}
@@ -350,6 +351,37 @@ def test_a_three_pole_breaker_starts_open_and_closes_at_once():
     t = run["breaker.i_alpha_in"]["time"]
     assert float(size[t <= 5e-3].max()) == 0.0
     assert float(size.sel(time=5.5e-3, method="nearest")) > 20.0
+
+
+class TimedInput:
+    v: Volt = sg.signal("voltage")
+
+
+class TimedOutput:
+    i: Ampere = sg.signal("current")
+
+
+@sg.kernel
+def timed_outputs(t, u, p, y):
+    y.i = u.v * p.g * (1.0 + t)
+
+
+def test_a_linear_element_that_reads_the_time_is_refused():
+    """Its matrices are read off once; before, it stood for ever as it is at time zero."""
+
+    @sg.component(
+        input=TimedInput, output=TimedOutput, outputs=timed_outputs, terminals=(sg.Terminal("end", v="v", i="i"),)
+    )
+    class Timed:
+        """A conductance that grows."""
+
+        g: Ratio = sg.param("at the start", default=1.0, above=0.0)
+
+    REGISTRY.pop("Timed")
+    net = sg.Network("timed")
+    net.add("growing", Timed(), end=net.dc_bus("bus", 10.0))
+    with pytest.raises(ParameterError, match="Timed: `outputs` reads the time"):
+        sg.assemble(net)
 
 
 # --- the library, one circuit after another, in one compiled module ---------------------------------------------------

@@ -22,7 +22,6 @@ open contact or an active limiter holds, and codes of sequences (whatever depend
 
 from __future__ import annotations
 
-import dis
 from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -38,7 +37,7 @@ from shipgrid.assembly.layout import ONE, ZERO, TypeLayout
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of, type_of
-from shipgrid.model.kernel import argument_names, uncompiled
+from shipgrid.model.kernel import argument_names, reads_time, uncompiled
 from shipgrid.model.network import Legs, Placed
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import state_space
@@ -160,13 +159,6 @@ class _Record:
         return np.array([owner[name] for owner, name in self.slots], dtype=complex)
 
 
-def _reads_time(kernel: Any) -> bool:
-    """Whether a kernel does anything with its argument `t`."""
-    code = () if kernel is None else dis.get_instructions(kernel.py_func)
-    loads = [i.argval for i in code if i.opname.startswith("LOAD_FAST")]
-    return any("t" in (names if isinstance(names, tuple) else (names,)) for names in loads)
-
-
 class _Kernels:
     """One component's kernels on complex records of its own."""
 
@@ -187,7 +179,7 @@ class _Kernels:
         self.records: dict[str, Any] = {name: record.top for name, record in self.named.items()}
         self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top}
         self.sampled = "update" in kind.kernels
-        reads = [name for name in ("derivatives", "outputs", "update") if _reads_time(kind.kernels.get(name))]
+        reads = [name for name in ("derivatives", "outputs", "update") if reads_time(kind.kernels.get(name))]
         if reads:
             raise SteadyStateError(
                 f"no operating point: '{self.path}' ({kind.name}) reads the time in `{reads[0]}`; "

@@ -108,7 +108,8 @@ def derivatives(t, x: State, u: Input, p: Ac1a, dx: State):
         dx.x_l = 0.0 * e
         y_l = e
     dx.v_a = (p.K_A * y_l - x.v_a) / p.T_A  # (4)
-    dx.v_e = (clip(x.v_a, p.V_Rmin, p.V_Rmax) - v_fe) / p.T_E  # (5), (6)
+    v_a = clip(x.v_a, p.V_Amin, p.V_Amax)  # inside a step too: its trial value runs beyond what `limit` leaves of it
+    dx.v_e = (clip(v_a, p.V_Rmin, p.V_Rmax) - v_fe) / p.T_E  # (5), (6)
 
 
 @kernel

@@ -12,6 +12,7 @@ kernel as a C function: its wrapper for that is left out.
 from __future__ import annotations
 
 import ctypes
+import dis
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -195,3 +196,10 @@ def argument_names(function: Callable[..., Any]) -> tuple[str, ...]:
 def call_uncompiled(function: Callable[..., Any], values: Mapping[str, Any]) -> Any:
     """Call a kernel as plain Python with those of `values` that it asks for."""
     return uncompiled(function)(*[values[name] for name in argument_names(function)])
+
+
+def reads_time(function: Callable[..., Any] | None) -> bool:
+    """Whether a kernel does anything with its argument `t`."""
+    code = () if function is None else dis.get_instructions(getattr(function, "py_func", function))
+    loads = [i.argval for i in code if i.opname.startswith("LOAD_FAST")]
+    return any("t" in (names if isinstance(names, tuple) else (names,)) for names in loads)

@@ -18,7 +18,7 @@ import numpy as np
 
 from shipgrid.errors import ParameterError
 from shipgrid.model.component import POSITION, type_of
-from shipgrid.model.kernel import call_uncompiled
+from shipgrid.model.kernel import call_uncompiled, reads_time
 from shipgrid.model.records import names_of, parameter_record
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
@@ -66,9 +66,15 @@ def state_space(item: Any, position: int = 0) -> StateSpace:
     Raises
     ------
     ParameterError
-        If the kernels are not linear, or an output is not the current of a terminal.
+        If the kernels are not linear or read the time, or an output is not the current of a terminal.
     """
     kind = type_of(item)
+    for name in ("derivatives", "outputs"):
+        if reads_time(kind.kernels.get(name)):
+            raise ParameterError(
+                f"{kind.name}: `{name}` reads the time, but the matrices of a linear element are constant: expected an "
+                "input in its place, which a signal component or a command moves"
+            )
     p, _ = parameter_record(item)
     ends = [terminal.v for terminal in kind.terminals]
     sources = tuple(name for name in names_of(kind.input) if name not in ends and name != POSITION)
