@@ -40,8 +40,8 @@ NAMES = sorted(KINDS)
 DIFFERENTIABLE = ("derivatives", "outputs", "stored_energy", "losses", "supplied", "consumed")
 """Kernels that analyses call with complex records; a sampled `update` is never differentiated."""
 
-REQUIRED = {"ohm": 0.05, "H": 1e-3, "F": 1e-4}
-"""Values of parameters without a default: a choke and a capacitor of this plant's size."""
+REQUIRED = {"ohm": 0.05, "H": 1e-3, "F": 1e-4, "W": 1e5, "pu": 1.0, "s": 0.05, "1": 1.0}
+"""Values of parameters without a default: a choke, a capacitor, a source and a drive of this plant's size."""
 
 SIZES = {
     "1": (0.0, 1.0), "pu": (-1.2, 1.2), "V": (-800.0, 800.0), "A": (-400.0, 400.0), "W": (-3e5, 3e5),
