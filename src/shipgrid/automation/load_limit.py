@@ -10,8 +10,8 @@ of the drive. The heaviest loaded one decides; with its capacity P and what the 
 
     free = (1 - loading) P,   dp_max/dt = free/T_cut,   0 <= p_max <= p + max(0, free)     (3)
 
-So an overload is taken away at a rate of itself over `T_cut`, on whichever sources it falls and whatever share of it they
-carry; and p_max waits where the drive would bring the source to its limit, not beyond. The drive's torque limit is
+So an overload is taken away at a rate of itself over `T_cut`, on whichever sources it falls and whatever share of it
+they carry; and p_max waits where the drive would bring the source to its limit, not beyond. The drive's torque limit is
 p_max over its speed. While it acts, the cruise control's reference moves along its ramp to a little less than the speed
 that the ship has, or to what is ordered if that is less still. So the control comes to ask for what there is and no
 more, nothing winds up, and the ship goes on along the usual ramp when there is power again.
