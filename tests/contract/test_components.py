@@ -19,15 +19,18 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import TypingError
 
+from scenarios.story import RING
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.weave import NORTON, arguments, woven_entry
+from shipgrid.automation.power_management import BlackoutPrevention, equip
 from shipgrid.components.converters.two_level_bridge import TwoLevelBridge
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.equipment.declaration import EQUIPMENT, is_quantity
 from shipgrid.errors import InputErrors, ParameterError
-from shipgrid.io.ship_file import load_ship
+from shipgrid.io.ship_file import load_ship, read_ship
+from shipgrid.io.yaml_lines import read_text
 from shipgrid.model import kernel as compiled_kernel
 from shipgrid.model.component import Empty, fields_of, load_all, parameters_of, type_of, unit_of
 from shipgrid.model.network import Across, Network
@@ -40,8 +43,8 @@ NAMES = sorted(KINDS)
 DIFFERENTIABLE = ("derivatives", "outputs", "stored_energy", "losses", "supplied", "consumed")
 """Kernels that analyses call with complex records; a sampled `update` is never differentiated."""
 
-REQUIRED = {"ohm": 0.05, "H": 1e-3, "F": 1e-4, "W": 10e3}
-"""Values of parameters without a default: a choke and a capacitor of this plant's size."""
+REQUIRED = {"ohm": 0.05, "H": 1e-3, "F": 1e-4, "W": 10e3, "pu": 1.0, "s": 0.05, "1": 1.0}
+"""Values of parameters without a default: a choke, a capacitor, a load, a source and a drive of this plant's size."""
 
 SIZES = {
     "1": (0.0, 1.0), "pu": (-1.2, 1.2), "V": (-800.0, 800.0), "A": (-400.0, 400.0), "W": (-3e5, 3e5),
@@ -524,11 +527,20 @@ def test_every_kind_that_no_ship_has_comes_to_rest_and_stays_there(seed):
             assert work.sig[place] == pytest.approx(before[place], rel=1e-4, abs=1e-3), path
 
 
+def guarded_ring() -> Network:
+    """Three DC buses in a ring, with the rule of power management that has components of its own."""
+    net = Network("ring")
+    ring = read_ship(read_text(RING, "ring.yaml")).checked()
+    ring.build(net)
+    equip(net, ring, [BlackoutPrevention()])
+    return net
+
+
 def test_every_registered_kind_is_in_a_plant_that_comes_to_rest():
     ships = [Network("ferry", fidelity) for fidelity in ("averaged", "switching")]
     for net in ships:
         load_ship("ferry").build(net)
-    plants = [*ships, circuit(0)]
+    plants = [*ships, circuit(0), guarded_ring()]  # the last is at rest in tests/scenarios/test_rules.py
     assert {type_of(placed.item).name for net in plants for placed in net.placed.values()} == set(NAMES)
 
 

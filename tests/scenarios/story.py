@@ -37,6 +37,21 @@ equipment:
 """
 
 
+RING = """
+schema: 1
+ship: ring
+buses: {a: {kind: dc, v_n: 750 V}, b: {kind: dc, v_n: 750 V}, c: {kind: dc, v_n: 750 V}}
+equipment:
+  bess_c: {kind: bess, bus: c}
+  drive: {kind: propulsion, bus: a, propeller: screw}
+  tie_ab: {kind: dc_breaker, from: a, to: b, length: 30 m}
+  tie_bc: {kind: dc_breaker, from: c, to: b, length: 30 m}
+  tie_ca: {kind: dc_breaker, from: c, to: a, length: 30 m}
+hull: {}
+"""
+"""Three DC buses joined in a ring, so that there are two ways from the battery to the drive."""
+
+
 def ship_of(text: str, **changes: str) -> Ship:
     """The ship of a ship file's text, with some of its entries changed."""
     return read_ship(read_text(text, "ship.yaml"), list(changes.items())).checked()

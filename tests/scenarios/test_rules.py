@@ -10,8 +10,9 @@ import pytest
 
 import shipgrid as sg
 from scenarios import killed_runs
-from scenarios.story import Story, ship_of
+from scenarios.story import RING, Story, ship_of
 from scenarios.test_resume import same
+from shipgrid.automation.load_limit import NOBODY
 from shipgrid.automation.power_management import BlackoutPrevention
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.runner import build
@@ -93,6 +94,19 @@ def test_while_no_source_is_overloaded_the_rule_changes_not_a_bit(guarded):
     _, v_dc = bare.history("dc.v_dc", since=at + 0.5)
     _, i_b = bare.history("bess_one.i_b", since=at + 0.5)
     assert i_b.min() > 1.49 * RATED and v_dc.max() < 700.0  # at its limit, on a bus that nobody holds
+
+
+@pytest.mark.full
+def test_in_a_ring_a_source_counts_as_long_as_one_way_to_the_drive_is_closed():
+    ship = ship_of(RING)
+    ring = Story(ship, plan=build(ship, STEP, rules=[BlackoutPrevention()]), every=16)
+    ring.set(bess_c__on=1, tie_ab__close=1, tie_bc__close=1, tie_ca__close=1).go(1.0)
+    ring.set(drive__on=1).go(2.0)
+    assert abs(ring["bess_c.i_b"]) < 2.0  # at rest
+    loading = "drive.load_limit.loading"
+    assert ring[loading] == pytest.approx(ring["bess_c.control.i_star"] / RATED, abs=1e-3)
+    assert ring.set(tie_ca__close=0).go(0.1)[loading] == pytest.approx(ring["bess_c.control.i_star"] / RATED, abs=1e-3)
+    assert ring.set(tie_bc__close=0).go(0.1)[loading] == NOBODY
 
 
 LOW = """\

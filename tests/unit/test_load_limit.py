@@ -20,7 +20,7 @@ from shipgrid.model.records import make_record, parameter_record
 DT = 1e-3
 BATTERY = SourceLoad(number=1.0, capacity=56e3, i_most=128.0)
 GENSET = SourceLoad(number=2.0, capacity=566e3, p_most=0.95)
-DRIVE = LoadLimit(rating=270e3, tau_max=1.25, T=0.05)
+DRIVE = LoadLimit(rating=270e3, tau_max=1.25, T_cut=0.05)
 
 
 def link(item, before=(NOBODY, 0.0, 0.0), p_f=0.0, **inputs):

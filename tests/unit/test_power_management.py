@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from scenarios.story import RING
 from shipgrid.automation.power_management import BlackoutPrevention, LowSocOperator, StartGensetOnLowSoc
 from shipgrid.equipment import bess, rectifier
 from shipgrid.io.scenario_file import read_scenario
@@ -97,20 +98,6 @@ equipment:
     lines = reading(head + "rules: {blackout_prevention: {}, start_genset_on_low_soc: {}}\n", barge).problems.lines()
     assert lines[0].partition("prevention: ")[2] == "there is no propulsion to cut back"
     assert lines[1].endswith("start_genset_on_low_soc: the ship has no genset, expected both")
-
-
-RING = """
-schema: 1
-ship: ring
-buses: {a: {kind: dc, v_n: 750 V}, b: {kind: dc, v_n: 750 V}, c: {kind: dc, v_n: 750 V}}
-equipment:
-  bess_c: {kind: bess, bus: c}
-  drive: {kind: propulsion, bus: a, propeller: screw}
-  tie_ab: {kind: dc_breaker, from: a, to: b, length: 30 m}
-  tie_bc: {kind: dc_breaker, from: c, to: b, length: 30 m}
-  tie_ca: {kind: dc_breaker, from: c, to: a, length: 30 m}
-hull: {}
-"""
 
 
 def test_a_source_counts_over_every_way_that_ties_can_make():

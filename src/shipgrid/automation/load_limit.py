@@ -8,10 +8,10 @@ The loading of a source is 1 at what the rule allows it, of a battery or of a ge
 A source counts while load falls on it (on, and not a battery in the mode `current`) and closed ties join it to the bus
 of the drive. The heaviest loaded one decides; with its capacity P and what the drive takes, p,
 
-    free = (1 - loading) P,   dp_max/dt = free/T,   0 <= p_max <= p + max(0, free)     (3)
+    free = (1 - loading) P,   dp_max/dt = free/T_cut,   0 <= p_max <= p + max(0, free)     (3)
 
-So an overload is taken away at a rate of itself over `T`, on whichever sources it falls and whatever share of it they
-carry; and p_max waits where the drive would bring the source to its limit, not beyond. The drive's torque limit is
+So an overload is taken away at a rate of itself over `T_cut`, on whichever sources it falls and whatever share of it
+they carry; and p_max waits where the drive would bring the source to its limit, not beyond. The drive's torque limit is
 p_max over its speed. While it acts, the cruise control's reference moves along its ramp to a little less than the speed
 that the ship has, or to what is ordered if that is less still. So the control comes to ask for what there is and no
 more, nothing winds up, and the ship goes on along the usual ramp when there is power again.
@@ -135,7 +135,7 @@ def update(t, dt, x: State, u: Input, p: LoadLimit, x_next: State, y: Output):
     taken = absolute(u.tau_ref) * omega
     free = (1.0 - u.loading) * u.capacity / p.rating
     room = taken + maximum(free, 0.0) if u.loading.real > NOBODY else p.tau_max + 0.0 * free
-    x_next.p_max = clip(minimum(x.p_max + free * dt / p.T, room), 0.0, p.tau_max)  # (3)
+    x_next.p_max = clip(minimum(x.p_max + free * dt / p.T_cut, room), 0.0, p.tau_max)  # (3)
     mine = x_next.p_max / (p.tau_max * omega)
     y.share = minimum(u.granted, mine)
     acts = u.torque_limited.real > 0.5 and mine.real < u.granted.real
@@ -158,7 +158,7 @@ class LoadLimit:
 
     rating: Watt = param("rated power of the drive", above=0.0)
     tau_max: PerUnit = param("torque limit of the drive", above=0.0)
-    T: Second = param("time constant of taking an overload away", above=0.0)
+    T_cut: Second = param("time constant of taking an overload away", above=0.0)
     t_free: Second = param(
         "time without a limit after which the drive counts as free again", default=15.0, above=0.0, source="chosen"
     )

@@ -87,7 +87,7 @@ class BlackoutPrevention:
             speed_ref = net.reconnect(f"{name}.cruise", speed_ref=f"{own}.speed_ref")["speed_ref"]
             net.add(
                 own,
-                LoadLimit(rating=item.rating, tau_max=item.speed.tau_max, T=self.response),
+                LoadLimit(rating=item.rating, tau_max=item.speed.tau_max, T_cut=self.response),
                 inputs={
                     **heaviest,
                     "granted": granted,
