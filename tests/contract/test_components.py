@@ -495,7 +495,7 @@ def circuit(seed: int) -> Network:
     net.add("switch", of("ThreePoleBreaker"), a=ac, b=tied)
     net.add("transformer", of("Transformer"), primary=tied, secondary=load)
     inner = net.ac_bus("inner", 400.0, 60.0)
-    net.add("core", of("SaturableCore"), a=inner)  # below its knee: beyond it nothing rests
+    net.add("core", dataclasses.replace(of("SaturableCore"), psi_knee=1.5), a=inner)  # beyond it nothing turns evenly
     net.add("winding", of("SecondaryWinding"), core=inner, line=load)
     net.add("consumer", of("Load"), a=load)
     net.add("controlled", of("VoltageDependentLoad"), a=load)

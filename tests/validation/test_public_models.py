@@ -85,7 +85,7 @@ def test_the_governor_drives_a_generator_as_psse_says_it_does():
     def lateness(K_s):
         return swing(K_s)[0][6] - PSSE[6][0]
 
-    K_s = brentq(lateness, 1.6, 2.6, xtol=1e-3)
+    K_s = brentq(lateness, 1.9, 2.05, xtol=2e-3)
     times, speeds = swing(K_s)
     assert times[:7] == pytest.approx([t for t, _ in PSSE], abs=0.012)  # their interval is 4 ms, and a crest is flat
     # the swing grows by a tenth a period; 2 % of the first one for the 2 ms, and for what is not linear there
