@@ -59,6 +59,9 @@ class Interlocks:
         # behind the bridges: on their DC side power is pulsed at switching fidelity, and zero in every zero vector
         self.powers = {name: (place[f"{name}.tau_e"], place[f"{name}.omega_m"]) for name in ship.items("propulsion")}
         self.powers |= {name: (place[f"{name}.p_ac"],) for name in ship.items("inverter")}
+        self.batteries, self.ties = ship.items("bess"), ship.items("dc_breaker")
+        self.items = {**self.batteries, **ship.items("rectifier")}
+        self.consumers = {name: ship.item(name).bus for name in self.powers}
         self.held: dict[str, float] = {}
         self.said: dict[str, str] = {}
 
@@ -90,10 +93,30 @@ class Interlocks:
 
     def _judge(self, sig: Any, asked: dict[str, float]) -> list[Verdict]:
         present = {path: float(sig[self.index[f"command:{path}"]]) for path in self.ship.commands}
-        reasons: dict[str, str] = {}
-        together = self.refusal(sig, present, asked)
-        waiting = dict(asked) if together else {}
-        present |= {} if together else asked
+        reasons = self.refusals(sig, present, asked)
+        for path, value in asked.items():
+            if path in reasons:
+                self.held[path], self.said[path] = value, reasons[path]
+            else:
+                sig[self.index[f"command:{path}"]] = value
+                self.held.pop(path, None)
+                self.said.pop(path, None)
+        return [Verdict(path, value, reasons.get(path, "")) for path, value in asked.items()]
+
+    def refusals(self, sig: Any, present: Mapping[str, float], asked: Mapping[str, float]) -> dict[str, str]:
+        """Why commands of one instant may not be given, those that may not: judged together first, then one by one.
+
+        Parameters
+        ----------
+        sig : ndarray
+            The plant's signals.
+        present : mapping of str to float
+            All commands as they are.
+        asked : mapping of str to float
+        """
+        if not self.refusal(sig, present, asked):
+            return {}
+        present, waiting, reasons = dict(present), dict(asked), {}
         moved = True
         while waiting and moved:
             moved = False
@@ -102,14 +125,7 @@ class Interlocks:
                 if not reasons[path]:
                     present[path] = waiting.pop(path)
                     moved = True
-        for path, value in asked.items():
-            if path in waiting:
-                self.held[path], self.said[path] = value, reasons[path]
-            else:
-                sig[self.index[f"command:{path}"]] = value
-                self.held.pop(path, None)
-                self.said.pop(path, None)
-        return [Verdict(path, value, reasons[path] if path in waiting else "") for path, value in asked.items()]
+        return {path: reasons[path] for path in waiting}
 
     def refusal(self, sig: Any, present: Mapping[str, float], asked: Mapping[str, float]) -> str:
         """Why commands may not be given now, empty if they may."""
@@ -143,9 +159,8 @@ class Interlocks:
 
     def _groups(self, sig: Any, commands: Mapping[str, float], *, wide: bool) -> list[list[str]]:
         """DC buses that ties join; `wide`: by those that are or shall be closed, else by those that are and shall."""
-        feeders = [name for kind in ("bess", "rectifier") for name in self.ship.items(kind)]
-        group = {self.ship.item(name).bus: {self.ship.item(name).bus} for name in feeders}
-        for name, tie in self.ship.items("dc_breaker").items():
+        group = {item.bus: {item.bus} for item in self.items.values()}
+        for name, tie in self.ties.items():
             closed = self._now(sig, f"{name}.sequence.closed") > 0.5, commands[f"{name}.close"] > 0.5
             if any(closed) if wide else all(closed):
                 joined = group.get(tie.from_, {tie.from_}) | group.get(tie.to, {tie.to})
@@ -153,21 +168,19 @@ class Interlocks:
         return [list(buses) for buses in dict.fromkeys(tuple(sorted(buses)) for buses in group.values())]
 
     def _sources(self, group: list[str]) -> list[str]:
-        return [
-            name for kind in ("bess", "rectifier") for name, item in self.ship.items(kind).items() if item.bus in group
-        ]
+        return [name for name, item in self.items.items() if item.bus in group]
 
     def _forms(self, sig: Any, commands: Mapping[str, float], name: str) -> bool:
-        if name in self.ship.items("bess"):
+        if name in self.batteries:
             on = commands[f"{name}.on"] > 0.5 or self._now(sig, f"{name}.sequence.state") >= bess.RAMP_IN
             return on and commands[f"{name}.mode"] == VOLTAGE
-        on = commands[f"{self.ship.item(name).source}.on"] > 0.5 or self._now(sig, f"{name}.sequence.connected") > 0.5
+        on = commands[f"{self.items[name].source}.on"] > 0.5 or self._now(sig, f"{name}.sequence.connected") > 0.5
         return on and commands[f"{name}.mode"] == FORMING
 
     def _supply(self, sig: Any, commands: Mapping[str, float], name: str) -> tuple[bool, float]:
         """Whether a source holds its bus, and the power it can feed into it [W]."""
-        item, state = self.ship.item(name), self._now(sig, f"{name}.sequence.state")
-        if name not in self.ship.items("bess"):
+        item, state = self.items[name], self._now(sig, f"{name}.sequence.state")
+        if name not in self.batteries:
             connected = commands[f"{item.source}.on"] > 0.5 and state == rectifier.CONNECTED
             return connected, item.rating * self._now(sig, f"{name}.sequence.limit") if connected else 0.0
         if commands[f"{name}.on"] < 0.5 or not bess.RAMP_IN <= state <= bess.ON:
@@ -182,6 +195,6 @@ class Interlocks:
         taken = {
             name: math.prod(float(sig[k]) for k in factors)
             for name, factors in self.powers.items()
-            if self.ship.item(name).bus in group
+            if self.consumers[name] in group
         }
         return sum(max(0.0, power) for power in taken.values())

@@ -1,9 +1,10 @@
 """The desk of a live run: who commands the plant from outside is checked here, and what they see is taken from here.
 
 It lives in a process beside the one that runs the plant. A command is obeyed if it exists, is in its range, and the
-interlocks have nothing against it in the plant as it was published last, at most some 100 us ago. A controller that
-falls silent is lost: what it has commanded is held, goes to a safe value over a ramp, or back to what the scenario had
-given.
+interlocks have nothing against it in the plant as it was published last, at most some 100 us ago. Commands of one
+instant are judged together, so that two sources can change places. A controller that falls silent is lost: what it has
+commanded is held, goes to a safe value over a ramp, or back to what the scenario had given. What somebody else has
+commanded since is no longer its own.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import threading
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,30 +26,52 @@ from shipgrid.solvers.pacing import SLOTS
 
 ORIGINS = ("Python", "UDP", "Modbus", "console", "the gateway")
 PYTHON, UDP, MODBUS, CONSOLE, GATEWAY = range(len(ORIGINS))
-OBEYED, UNKNOWN, OUT_OF_RANGE, REFUSED, BUSY = range(5)
-ANSWERS = ("obeyed", "no such command", "out of range", "refused by the interlocks", "too many at once")
+OBEYED, UNKNOWN, OUT_OF_RANGE, REFUSED, BUSY, NO_TOKEN = range(6)
+ANSWERS = ("obeyed", "no such command", "out of range", "refused by the interlocks", "too many at once", "no token")
 """What became of a command, by the code a controller is answered with."""
 LOST = ("hold", "safe", "local")
 """What is done about the commands of a lost controller."""
 NOT_JUDGED = ("speed_ref", "v_ref", "v_dc_ref", "wind_speed", "wind_from", "wave_height")
 """Commands that the interlocks have nothing to say about."""
 SAFE = {"speed_ref": 0.0, "i_ref": 0.0}
-"""Where commands of a lost controller go over the ramp; the others stay."""
+"""Where commands of a lost controller go over the ramp, if that is in their range (the speed of a genset has the name
+of a ship's); the others stay."""
 RAMP = 10.0
 """Time of that ramp [s]."""
 RAMP_STEP = 0.02
 """Time [s] between two values of it."""
+AGAIN = 0.1
+"""Time [s] after which what the interlocks held back at its end is tried again."""
 
 
 @dataclass
 class Controller:
-    """One who commands: when it was heard last [s], what its commands were before it came, and what they are now."""
+    """One who commands: when it was heard last [s], its commands as they are, and as they were before it gave them.
+
+    Attributes
+    ----------
+    heard : float
+    now, before : dict of str to float
+    lost_at : float
+        When it was lost [s]; `inf` while it is not.
+    leaving : dict of str to (float, float)
+        After that: from where and to where its commands go.
+    moved_at : float
+        When they were moved last [s].
+    """
 
     heard: float
-    before: dict[str, float] = field(default_factory=dict)
     now: dict[str, float] = field(default_factory=dict)
+    before: dict[str, float] = field(default_factory=dict)
     lost_at: float = math.inf
-    ramped_at: float = 0.0
+    leaving: dict[str, tuple[float, float]] = field(default_factory=dict)
+    moved_at: float = -math.inf
+
+    def forget(self, path: str) -> float:
+        """Somebody else has it now; what it was before."""
+        self.now.pop(path, None)
+        self.leaving.pop(path, None)
+        return self.before.pop(path)
 
 
 @dataclass
@@ -73,19 +96,37 @@ class Desk:
         What is done about the commands of a lost controller.
     timeout : float
         Silence [s] after which a controller is lost.
+    clock : callable, optional
+        Time [s], for tests.
+
+    Attributes
+    ----------
+    busy : Lock
+        Held by whoever calls the methods: one bus at a time.
+    sig : ndarray
+        The plant's signals after step number `step`, with commands on their way as if they had arrived.
     """
 
-    def __init__(self, ship: Any, plan: Plan, shared: SharedArrays, lost: str = "hold", timeout: float = 0.5):
+    def __init__(
+        self,
+        ship: Any,
+        plan: Plan,
+        shared: SharedArrays,
+        lost: str = "hold",
+        timeout: float = 0.5,
+        clock: Callable[[], float] = time.monotonic,
+    ):
         self.commands, self.interlocks, self.h = ship.commands, Interlocks(ship, plan), plan.h
-        self.arrays, self.lost, self.timeout = shared.arrays, lost, timeout
+        self.arrays, self.lost, self.timeout, self.clock = shared.arrays, lost, timeout, clock
         self.sig = plan.layout.initial.copy()
         self.step = -1
         self.place = {path: plan.layout.index[f"command:{path}"] for path in self.commands}
+        self.places = np.array(list(self.place.values()))
         self.signals = list(plan.network.published)
         self.sources = np.array([plan.layout.index[public.source] for public in plan.network.published.values()])
         self.given: dict[int, Given] = {}
         self.controllers: dict[int, Controller] = {}
-        self.busy = threading.RLock()  # one bus at a time
+        self.busy = threading.Lock()
         self.counted: Counter[str] = Counter()
 
     def look(self) -> int:
@@ -105,90 +146,134 @@ class Desk:
             if given.seen is None and given.number < taken:
                 given.seen = int(count[0])
             self.sig[place] = given.value
+        for controller in self.controllers.values():
+            for path, value in list(controller.now.items()):
+                if self.sig[self.place[path]] != value:  # the scenario has given another one
+                    controller.forget(path)
         return self.step
 
     def measured(self) -> np.ndarray:
         """Values of the public signals as looked at last, in the order of `signals`."""
         return self.sig[self.sources]
 
-    def command(self, path: str, value: float, origin: int, measured: int = 0) -> int:
-        """Give one command; what became of it, as a code of `ANSWERS`.
+    def commanded(self) -> np.ndarray:
+        """Values of the commands, in the order of `commands`."""
+        return self.sig[self.places]
+
+    def command(
+        self, asked: Sequence[tuple[str, float]], origin: int, measured: int = 0, *, whole: bool = False
+    ) -> list[int]:
+        """Give commands of one instant; what became of each, as codes of `ANSWERS`.
 
         Parameters
         ----------
-        path : str
-        value : float
-            SI; the code of a word.
+        asked : sequence of (str, float)
+            Paths and values: SI; the code of a word. Of two for one path the later one counts.
         origin : int
             Who asks, as a place in `ORIGINS`.
         measured : int
-            Step of the measurement that it answers, if known.
+            Step of the measurement that they answer, if known.
+        whole : bool
+            Obey all or none.
         """
-        code = self._judged(path, value)
-        if code == OBEYED:
-            code = self._give(path, value, origin, measured)
-        self.counted[f"commands {ANSWERS[code]}"] += 1
-        return code
+        codes = [self._checked(path, value) for path, value in asked]
+        wrong = [code for code in codes if code != OBEYED]
+        if whole and wrong:
+            codes = [wrong[0]] * len(codes)
+        else:
+            good = {path: value for (path, value), code in zip(asked, codes, strict=True) if code == OBEYED}
+            became = self._obey(good, origin, measured, self._controller(origin), whole=whole)
+            codes = [became[path] if code == OBEYED else code for (path, _), code in zip(asked, codes, strict=True)]
+        for code in codes:
+            self.counted[f"commands {ANSWERS[code]}"] += 1
+        return codes
 
     def heard(self, origin: int) -> None:
         """A controller has given a sign of life."""
-        now = time.monotonic()
-        controller = self.controllers.setdefault(origin, Controller(now))
+        controller = self._controller(origin)
         if controller.lost_at < math.inf:
             self.counted["controllers regained"] += 1
             controller.lost_at = math.inf
-        controller.heard = now
+            controller.leaving.clear()
+        controller.heard = self.clock()
 
     def watch(self) -> None:
-        """Look after controllers that have fallen silent; to be called every few milliseconds."""
-        now = time.monotonic()
+        """Look after controllers that have fallen silent; to be called every few milliseconds, after a `look`."""
+        now = self.clock()
         for origin, controller in self.controllers.items():
             if controller.lost_at == math.inf:
                 if now - controller.heard <= self.timeout:
                     continue
                 controller.lost_at = now
                 self.counted[f"controllers lost, {ORIGINS[origin]}"] += 1
-                if self.lost == "local":
-                    for path, value in controller.before.items():
-                        self.command(path, value, GATEWAY)
-                    controller.before.clear()
-            if self.lost == "safe" and now - controller.ramped_at >= RAMP_STEP:
-                controller.ramped_at = now
-                left = max(0.0, 1.0 - (now - controller.lost_at) / RAMP)
-                for path, value in list(controller.now.items()):
-                    name = path.rpartition(".")[2]
-                    # the speed of a genset has the name of a ship's, and no safe value
-                    if name in SAFE and self.commands[path].low <= SAFE[name]:
-                        self.command(path, SAFE[name] + left * (value - SAFE[name]), GATEWAY)
-                if left == 0.0:
-                    controller.now.clear()
+                controller.leaving = dict(self._ways(controller))
+            left = max(0.0, 1.0 - (now - controller.lost_at) / RAMP) if self.lost == "safe" else 0.0
+            if controller.leaving and now - controller.moved_at >= (RAMP_STEP if left > 0.0 else AGAIN):
+                controller.moved_at = now
+                asked = {path: end + left * (start - end) for path, (start, end) in controller.leaving.items()}
+                became = self._obey(asked, GATEWAY, 0, controller)
+                for path, code in became.items():
+                    if left == 0.0 and code == OBEYED:
+                        del controller.leaving[path]
 
-    def _judged(self, path: str, value: float) -> int:
+    def _ways(self, controller: Controller) -> Iterable[tuple[str, tuple[float, float]]]:
+        """From where to where the commands of a lost controller go."""
+        for path, value in controller.now.items():
+            command, safe = self.commands[path], SAFE.get(path.rpartition(".")[2])
+            if self.lost == "local":
+                yield path, (value, controller.before[path])
+            elif self.lost == "safe" and safe is not None and command.low <= safe <= command.high:
+                yield path, (value, safe)
+
+    def _controller(self, origin: int) -> Controller:
+        if origin not in self.controllers:
+            self.controllers[origin] = Controller(self.clock())
+        return self.controllers[origin]
+
+    def _checked(self, path: str, value: float) -> int:
         command = self.commands.get(path)
         if command is None:
             return UNKNOWN
-        if not command.low <= value <= command.high or (command.words and value not in command.words.values()):
-            return OUT_OF_RANGE  # so is what is not a number
-        if path.rpartition(".")[2] in NOT_JUDGED:
-            return OBEYED
-        present: Mapping[str, float] = {name: float(self.sig[place]) for name, place in self.place.items()}
-        return REFUSED if self.interlocks.refusal(self.sig, present, {path: value}) else OBEYED
+        if not command.low <= value <= command.high:  # so is what is not a number
+            return OUT_OF_RANGE
+        return OBEYED if command.words is None or value in command.words.values() else OUT_OF_RANGE
 
-    def _give(self, path: str, value: float, origin: int, measured: int) -> int:
+    def _obey(
+        self, asked: dict[str, float], origin: int, measured: int, owner: Controller, *, whole: bool = False
+    ) -> dict[str, int]:
+        """Give what the interlocks let pass; codes by path."""
+        became = dict.fromkeys(asked, OBEYED)
+        if judged := {path: value for path, value in asked.items() if path.rpartition(".")[2] not in NOT_JUDGED}:
+            present = dict(zip(self.place, self.commanded().tolist(), strict=True))
+            became |= dict.fromkeys(self.interlocks.refusals(self.sig, present, judged), REFUSED)
+        if whole and REFUSED in became.values():
+            return dict.fromkeys(asked, REFUSED)
+        count = self.arrays["inbox_count"]
+        room = len(self.arrays["inbox"]) - (int(count[0]) - int(count[2]))
+        if whole and room < len(asked):
+            return dict.fromkeys(asked, BUSY)
+        for path, value in asked.items():
+            if became[path] == OBEYED and not self._give(path, value, origin, measured, owner):
+                became[path] = BUSY
+        return became
+
+    def _give(self, path: str, value: float, origin: int, measured: int, owner: Controller) -> bool:
+        """Put a command into the box, if there is room; one that repeats its giver's last changes nothing."""
         place, count, inbox = self.place[path], self.arrays["inbox_count"], self.arrays["inbox"]
         present = float(self.sig[place])
-        if origin != GATEWAY:
-            controller = self.controllers.setdefault(origin, Controller(time.monotonic()))
-            controller.before.setdefault(path, present)
-            controller.now[path] = value
-        if value == present:
-            return OBEYED
+        if owner.now.get(path) == value == present:
+            return True
         number = int(count[0])
-        if number - int(count[1]) >= len(inbox) - 1:
-            return BUSY
+        if number - int(count[2]) >= len(inbox):
+            return False
+        for other in self.controllers.values():
+            if other is not owner and path in other.now:
+                owner.before.setdefault(path, other.forget(path))
+        owner.before.setdefault(path, present)
+        owner.now[path] = value
         entry = inbox[number % len(inbox)]
         entry.place, entry.value, entry.origin, entry.measured = place, value, origin, measured
         count[0] = number + 1
         self.given[place] = Given(number, value)
         self.sig[place] = value
-        return OBEYED
+        return True

@@ -370,7 +370,7 @@ class _Steps(threading.Thread):
                 self.kept.write(f"{command.step},{command.path},{command.value!r},{origin}\n")
             if taken > self.applied_seen:
                 self.kept.flush()
-            self.applied_seen = taken
+            self.applied_seen = pace.inbox_count[2] = taken  # their places may be used again
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ Head of every packet, 40 bytes:
     4 bytes   magic, "SHGR"
     uint8     version, 1
     uint8     kind: 1 measurements, 2 commands, 3 answer
-    uint16    count of what follows the head
+    uint16    count of what follows the head; of commands at most 64
     uint32    session: drawn at random by whoever sends, anew at each start
     uint32    sequence: counts the packets of a session from 1; of an answer, that of the packet it answers
     uint64    token; 0 in packets from the plant
@@ -16,8 +16,10 @@ Measurements: `count` float64, the public signals in the order of the list of re
 (uint16 number of the command in that list, float64 value in SI units or the code of a word); none is a sign of life.
 Answer: `count` of uint8, for each command what became of it (`desk.ANSWERS`).
 
-Packets with a wrong length, magic, version, kind or token are counted and left without an answer, as are those whose
-sequence has been passed. Measurements go to the last address that sent a valid packet, until it falls silent.
+Commands of one packet are judged together: two sources can change places. Packets with a wrong length, magic, version,
+kind or token are counted and left without an answer, as are those whose sequence has been passed, and those of a
+session that another one has followed. Measurements go to the last address that sent a valid packet, until it falls
+silent.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ import select
 import socket
 import struct
 import time
+from collections import deque
 
 from shipgrid.realtime.desk import UDP, Desk
 
@@ -38,6 +41,8 @@ PERIOD = 1e-3
 """Time [s] between two packets of measurements."""
 MOST = 64
 """Commands in a packet."""
+PASSED = 256
+"""Sessions that are remembered as over."""
 BURST = 32
 """Packets that are read before measurements are sent and controllers looked after again."""
 
@@ -83,6 +88,7 @@ class UdpServer:
         self.session, self.sequence = secrets.randbits(32), 0
         self.peer: tuple | None = None
         self.peer_session, self.peer_sequence = -1, 0
+        self.passed: deque[int] = deque(maxlen=PASSED)
         self.due = time.monotonic()
         self.names = list(desk.commands)
 
@@ -122,27 +128,28 @@ class UdpServer:
         if not secrets.compare_digest(token.to_bytes(8, "little"), self.token.to_bytes(8, "little")):
             counted["packets with a wrong token"] += 1
             return
-        if session != self.peer_session:
-            counted["sessions"] += 1
-            self.peer_session, self.peer_sequence = session, 0
-        if sequence <= self.peer_sequence:
+        if session in self.passed or (session == self.peer_session and sequence <= self.peer_sequence):
             counted["packets late or twice"] += 1
             return
+        if session != self.peer_session:
+            counted["sessions"] += 1
+            self.passed.append(self.peer_session)
+            self.peer_session, self.peer_sequence = session, sequence - 1  # what came before it went to nobody
         counted["packets missed"] += sequence - self.peer_sequence - 1
         self.peer_sequence = sequence
         if self.peer is None:
             self.due = time.monotonic()
         self.peer = peer
-        codes = bytearray()
+        asked = []
+        for k in range(count):
+            number, value = COMMAND.unpack_from(data, HEAD.size + k * COMMAND.size)
+            asked.append((self.names[number] if number < len(self.names) else "", value))
         with self.desk.busy:
             self.desk.heard(UDP)
-            self.desk.look()
-            for k in range(count):
-                number, value = COMMAND.unpack_from(data, HEAD.size + k * COMMAND.size)
-                path = self.names[number] if number < len(self.names) else ""
-                codes.append(self.desk.command(path, value, UDP, step))
-        if count:
-            self._send(packet(ANSWER, self.session, sequence, 0, self.desk.step, self._time(), count, bytes(codes)))
+            measured = min(step, max(0, self.desk.look()))  # nobody has seen what has not been yet
+            codes = bytes(self.desk.command(asked, UDP, measured)) if asked else b""
+        if codes:
+            self._send(packet(ANSWER, self.session, sequence, 0, self.desk.step, self._time(), count, codes))
 
     def _measure(self) -> None:
         with self.desk.busy:

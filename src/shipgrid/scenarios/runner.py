@@ -127,6 +127,8 @@ class Run:
     """What the plan was made of, where it was made of a ship."""
     realtime: dict[str, Any] = field(default_factory=dict)
     """What the monitor of a live run has found."""
+    folder: Path | None = None
+    """Where it is written."""
 
     @property
     def t(self) -> float:
@@ -332,7 +334,7 @@ def simulate(
             work, drift = start(plan, ship, scenario)
             run = Run(plan, work)
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
-        run.ship, run.rules = ship, scenario.rules
+        run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, live is not None)
         write_text(folder.path / MARK, text)
         if planned is not None:

@@ -88,7 +88,7 @@ class PaceWork(NamedTuple):
     pace_worst: np.ndarray  # of WORST: the longest computations
     virtual_cost: np.ndarray  # computation of each step [ns], in turn
     inbox: np.ndarray  # of COMMAND, a ring
-    inbox_count: np.ndarray  # (2,) commands put in, and taken out
+    inbox_count: np.ndarray  # (3,) commands put in, taken out, and put into the log
     applied: np.ndarray  # of APPLIED, a ring
     applied_count: np.ndarray  # (1,)
     outbox: np.ndarray  # (SLOTS, signals) the flat vector as it was published, a ring
@@ -128,7 +128,7 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: in
         pace_worst=np.zeros(worst, WORST),
         virtual_cost=np.zeros(1, np.int64),
         inbox=np.zeros(commands, COMMAND),
-        inbox_count=np.zeros(2, np.int64),
+        inbox_count=np.zeros(3, np.int64),
         applied=np.zeros(commands, APPLIED),
         applied_count=np.zeros(1, np.int64),
         outbox=np.zeros((SLOTS, signals)),
