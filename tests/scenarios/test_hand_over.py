@@ -18,6 +18,7 @@ from shipgrid.analysis.steady_state import fresh, operating_point
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.scenarios.runner import Run, build, command_text, go
+from shipgrid.scenarios.timeline import Timeline
 
 STEP = 90e-6
 KN = 1852.0 / 3600.0
@@ -267,7 +268,8 @@ def test_a_run_logs_what_was_refused_and_when_it_was_obeyed(under_way):
     ship, plan = under_way.ship, under_way.plan
     run = Run(plan, fresh(plan, under_way.work.snapshot()))
     timeline = [(0.5, "genset_for.on", 1.0), (1.0, "bess_for.on", 0.0), (1.0, "bess_aft.on", 0.0)]
-    go(run, timeline, 14.0, said=partial(command_text, ship), interlocks=Interlocks(ship, plan))
+    said, interlocks = partial(command_text, ship), Interlocks(ship, plan)
+    go(run, Timeline(plan, run.work, run.events, timeline, said, interlocks=interlocks), 14.0)
     battery = [(t, who, what) for t, who, what in run.events if who.startswith("bess") and who.endswith(".on")]
     refused = [(t, who) for t, who, what in battery if what.startswith("refused: the running sources would not carry")]
     assert [who for _, who in refused] == ["bess_for.on", "bess_aft.on"]

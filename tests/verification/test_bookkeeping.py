@@ -141,7 +141,7 @@ def test_the_file_of_a_run_has_means_that_average_to_the_integral(tmp_path):
     run = Run(plan, new_workspace(plan))
     columns = {g: [(n, plan.network.published[n].unit, n) for n in names] for g, names in plan.groups.items()}
     with ResultsWriter(tmp_path, columns, plan.record_period) as writer:
-        go(run, [], 10e-3, writer)  # ends between two rows of both groups
+        go(run, None, 10e-3, writer)  # ends between two rows of both groups
     fine = circuit()
     work = new_workspace(fine)
     total = 0.0

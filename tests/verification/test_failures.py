@@ -111,7 +111,7 @@ def left_over(folder, *known: str) -> list[str]:
 def test_with_a_sane_gain_the_bus_is_regulated():
     plan = feeder()
     run = Run(plan, new_workspace(plan))
-    go(run, [], 2.0)
+    go(run, None, 2.0)
     assert not run.failure
     assert run.work.sig[plan.layout.index["bus.v_dc"]] == pytest.approx(V_N, rel=1e-3)
 
@@ -120,7 +120,7 @@ def test_with_a_sane_gain_the_bus_is_regulated():
 def test_a_diverging_run_stops_at_the_first_absurd_value_and_says_where(gain):
     plan = feeder(K_p=gain)
     run = Run(plan, new_workspace(plan))
-    go(run, [], 2.0)
+    go(run, None, 2.0)
     watched = new_workspace(plan)
     entry, place = woven_entry(plan), plan.layout.index["bus.v_dc"]
     while np.isfinite(watched.sig).all() and abs(watched.sig[place]) < 3.0 * V_N:  # step by step, to the first absurd
@@ -138,7 +138,7 @@ def test_a_number_that_is_none_stops_the_run_within_a_few_steps():
     work = new_workspace(plan)
     work.sig[plan.layout.index["regulator.loop.i"]] = np.nan
     run = Run(plan, work)
-    go(run, [], 2.0)
+    go(run, None, 2.0)
     assert run.work.n <= 2 * round(1 / 5e3 / STEP) + 3  # a sampling period, until it is in force
     assert "nan" in run.failure
 
@@ -196,12 +196,12 @@ def regulator(net, K_p):
 def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecond(add, sane, absurd, named, limit):
     plan = assemble(beside_a_bus(lambda net: add(net, sane)), STEP)
     run = Run(plan, new_workspace(plan))
-    go(run, [], 0.5)
+    go(run, None, 0.5)
     assert not run.failure
 
     plan = assemble(beside_a_bus(lambda net: add(net, absurd)), STEP)
     run = Run(plan, new_workspace(plan))
-    go(run, [], 0.5)
+    go(run, None, 0.5)
     assert run.failure.startswith(f"diverged at {run.t:.6f} s: {named}"), run.failure
     assert run.work.sig[plan.layout.index["bus.v_dc"]] == 0.0  # no bus could have told
     watched = new_workspace(plan)
@@ -218,7 +218,7 @@ def test_a_control_signal_that_is_no_number_is_seen_although_every_bus_is_well()
     work = new_workspace(plan)
     work.sig[plan.layout.index["governor.a_1"]] = np.nan
     run = Run(plan, work)
-    go(run, [], 0.5)
+    go(run, None, 0.5)
     assert run.t <= 1e-3 + STEP
     assert "governor." in run.failure and "nan" in run.failure
 

@@ -63,7 +63,7 @@ class Kept:
 
 def run(plan, end, windows=(), writer=None):
     run = Run(plan, new_workspace(plan))
-    go(run, [], end, writer, windows=merged(windows, plan.h, end))
+    go(run, None, end, writer, windows=merged(windows, plan.h, end))
     return run
 
 

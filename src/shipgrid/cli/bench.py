@@ -162,4 +162,4 @@ def _in_a_process(cache: str, ship: str, scenario: str, fidelity: str, steps: li
 def _advance(run: Any, steps: int) -> None:
     from shipgrid.scenarios.runner import go
 
-    go(run, (), (run.work.n + steps) * run.plan.h)
+    go(run, None, (run.work.n + steps) * run.plan.h)

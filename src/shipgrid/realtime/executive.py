@@ -28,8 +28,6 @@ import numpy as np
 from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import arguments, woven_entry
-from shipgrid.automation.interlocks import Interlocks
-from shipgrid.automation.power_management import LowSocOperator
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
 from shipgrid.realtime import monitor
@@ -144,16 +142,12 @@ class Executive:
     def __call__(
         self,
         run: Run,
-        timeline: Any,
+        due: Timeline,
         end: float,
         log: RowLog,
         progress: Progress | None,
-        said: Callable[[str, float], str],
-        interlocks: Interlocks | None,
         windows: Sequence[Window],
         keeper: Keeper,
-        operator: LowSocOperator | None = None,
-        outside: Sequence[Outside] = (),
     ) -> None:
         """Step a run to its end, as `runner.go` does, but by the clock."""
         plan, work = run.plan, run.work
@@ -164,9 +158,6 @@ class Executive:
         keeper.write(run)
         shared = self._share(run)
         waves = WaveRecorder(plan, work, windows, FOREVER)
-        due = Timeline(
-            plan, work, run.events, timeline, said, None, interlocks, operator, outside, continued=run.continued
-        )
         with (log.folder / COMMANDS).open("a") as kept, shared:
             steps = _Steps(self, run, due, waves, round(end / plan.h), kept, keeper)
             written = self._record(steps, shared, log, end, progress)

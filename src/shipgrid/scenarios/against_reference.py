@@ -17,6 +17,7 @@ from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import InputErrors, SolverError
 from shipgrid.model.network import PublicSignal, Waveform
 from shipgrid.scenarios.runner import DEFAULT_STEP, Run, build, go, start
+from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import merged
 from shipgrid.solvers.reference import reference_run
 
@@ -93,13 +94,9 @@ def against_reference(
     plan = build(ship, h, fidelity, scenario.rules)
     work, _ = start(plan, ship, scenario)
     run = Run(plan, work)
-    go(
-        run,
-        scenario.events,
-        span.first * h,
-        interlocks=Interlocks(ship, plan),
-        operator=operator_of(scenario.rules, ship, plan),
-    )
+    operator = operator_of(scenario.rules, ship, plan)
+    due = Timeline(plan, work, run.events, scenario.events, interlocks=Interlocks(ship, plan), operator=operator)
+    go(run, due, span.first * h)
     if run.failure:
         raise SolverError(run.failure)
     begin = work.snapshot()
@@ -107,7 +104,7 @@ def against_reference(
     paths = list(dict.fromkeys(path for wave in waves for path, _ in terms_of(wave)))
     truth = reference_run(plan, begin, span.last * h, paths, rtol=rtol)
     fast = _Kept(plan)
-    go(run, [], span.last * h, fast, windows=[span])
+    go(run, None, span.last * h, fast, windows=[span])
     if run.failure:
         raise SolverError(run.failure)
     found = []

@@ -31,6 +31,7 @@ from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import At, places_to_set, seconds, timeline
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
+from shipgrid.scenarios.timeline import Timeline
 
 if TYPE_CHECKING:
     import xarray
@@ -132,7 +133,7 @@ class RunnablePlan(Plan):
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]
         memory.append("plant", np.array([began]), value, value, value, value)
-        go(run, lines, until, memory, said=_said, places=places_to_set(self))
+        go(run, Timeline(watching, work, run.events, lines, _said, places_to_set(self)), until, memory)
         # every step was counted with the power at its end: half of what the first and the last differ by too much
         work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
         result = CircuitRun(self, run, memory, list(sources), before)

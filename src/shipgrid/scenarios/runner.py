@@ -81,16 +81,12 @@ class Live(Protocol):
     def __call__(
         self,
         run: Run,
-        timeline: Any,
+        due: Timeline,
         end: float,
         log: RowLog,
         progress: Progress | None,
-        said: Callable[[str, float], str],
-        interlocks: Interlocks | None,
         windows: Sequence[Window],
         keeper: Keeper,
-        operator: LowSocOperator | None,
-        outside: Sequence[Outside],
     ) -> None:
         """Step a run to its end."""
         ...
@@ -359,6 +355,9 @@ def simulate(
         interlocks.said |= saved.get("said", {})
     if operator is not None:
         operator.state |= saved.get("operator", {})
+    said = partial(command_text, ship)
+    commanders = {"interlocks": interlocks, "operator": operator, "outside": outside}
+    due = Timeline(plan, work, run.events, scenario.events, said, **commanders, continued=resume)
     saved["startup_s"] += time.perf_counter() - began
     kept = {name: saved[name] for name in ("startup_s", "drift", "before", "continued_at_s")} | {"identity": whole}
     keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, operator, kept)
@@ -366,12 +365,7 @@ def simulate(
         with log:
             if not run.continued:
                 _first_rows(run, log)
-            said = partial(command_text, ship)
-            told = (interlocks, windows, keeper, operator, outside)
-            if live is not None:
-                live(run, scenario.events, end, log, progress, said, *told)
-            else:
-                go(run, scenario.events, end, log, progress, said, None, *told)
+            (live or go)(run, due, end, log, progress, windows, keeper)
         _conclude(run, ship, scenario, fidelity, folder, about, kept)
     except BaseException as error:
         folder.release()
@@ -529,17 +523,12 @@ def _conclude(
 
 def go(
     run: Run,
-    timeline: Any,
+    due: Timeline | None,
     end: float,
     writer: Writer | None = None,
     progress: Progress | None = None,
-    said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
-    places: Mapping[str, int] | None = None,
-    interlocks: Interlocks | None = None,
     windows: Sequence[Window] = (),
     keeper: Keeper | None = None,
-    operator: LowSocOperator | None = None,
-    outside: Sequence[Outside] = (),
 ) -> None:
     """Step a run to its end, giving each command at its step.
 
@@ -547,35 +536,23 @@ def go(
     ----------
     run : Run
         Changed in place; stops early at a failure or an interrupt and says so there.
-    timeline : sequence of (float, str, float)
-        Time [s], command path, value; in order of time.
+    due : Timeline or None
+        What gives the commands; there are none without.
     end : float
         Simulated time [s] at which to stop.
     writer : Writer, optional
         Where recorded rows go.
     progress : callable, optional
         Called with simulated time and end time [s] after each chunk.
-    said : callable, optional
-        Text of the event of a command, from its path and value.
-    places : mapping of str to int, optional
-        Where in the flat vector what a path of the time-line names lies; commands if left out.
-    interlocks : Interlocks, optional
-        What may hold back a command; every command is obeyed if left out.
     windows : sequence of Window
         Where every step is recorded, each into its own group of the writer.
     keeper : Keeper, optional
         What writes snapshots, between two chunks.
-    operator : LowSocOperator, optional
-        Who gives commands by a rule of power management, through the interlocks.
-    outside : sequence of Outside
-        Commands that another run was given while it ran.
     """
     plan, work = run.plan, run.work
     entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
-    due = Timeline(
-        plan, work, run.events, timeline, said, places, interlocks, operator, outside, continued=run.continued
-    )
+    due = due or Timeline(plan, work, run.events, ())
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
     chunk = min(most, 2000)
     waves = WaveRecorder(plan, work, windows)

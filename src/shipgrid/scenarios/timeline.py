@@ -53,7 +53,7 @@ class Timeline:
         work: Workspace,
         events: Logged,
         commands: Iterable[tuple[float, str, float]],
-        said: Callable[[str, float], str],
+        said: Callable[[str, float], str] = lambda path, value: f"set to {value:.6g}",
         places: Mapping[str, int] | None = None,
         interlocks: Interlocks | None = None,
         operator: LowSocOperator | None = None,
