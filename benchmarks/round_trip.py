@@ -2,9 +2,10 @@
 
     python benchmarks/round_trip.py [SECONDS]
 
-UDP: from the end of the step that was measured to the beginning of the step that obeys the answer, as the run itself has
-them, in whole steps. The controller answers every packet of measurements at once with a set point that changes each time.
-Modbus: from the request to the answer on the wire, which is when the command lies in the box, and as far as the loop.
+UDP, in steps: from the step that was measured to the one that obeys the answer, as the run itself has them. The
+controller answers every packet of measurements at once, with a set point that changes each time. Where the machine has
+fewer free cores than processes the loop stands still while they work, and fewer steps pass than time; so the controller
+takes the time from measurements to answer as well. Modbus: from request to answer, when the command lies in the box.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 import os
 import socket
 import struct
+import subprocess
 import sys
 import tempfile
 import threading
@@ -27,7 +29,7 @@ from shipgrid.realtime.desk import UDP
 from shipgrid.realtime.executive import Executive
 from shipgrid.realtime.gateway import Gateway
 from shipgrid.realtime.registers import FIRST_COMMAND, TOKEN
-from shipgrid.realtime.udp import COMMAND, COMMANDS, HEAD, MEASUREMENTS, packet
+from shipgrid.realtime.udp import ANSWER, COMMAND, COMMANDS, HEAD, MEASUREMENTS, packet
 
 H = 30e-6
 SHARES = (50, 90, 99)
@@ -49,6 +51,7 @@ class Trips:
         self.executive = Executive(attached=self.attached)
 
     def attached(self, shared, run):
+        """Begin with the run."""
         end = self.gateway.start(shared, run)
         self.arrays, self.names = shared.arrays, list(run.ship.commands)
 
@@ -65,23 +68,13 @@ class Trips:
         hand.start()
         return lambda: (hand.join(), end())[1]
 
-    def udp(self, path: str) -> dict[str, float]:
+    def udp(self, path: str) -> dict[str, dict[str, float]]:
         """Let a process of its own answer, and look at what the loop has taken."""
         taken = int(self.arrays["applied_count"][0])
         host, port = self.gateway.listening["udp"]
-        child = os.spawnv(
-            os.P_NOWAIT,
-            sys.executable,
-            [
-                sys.executable,
-                __file__,
-                "--answer",
-                host,
-                str(port),
-                f"{self.gateway.token}",
-                str(self.names.index(path)),
-                str(self.seconds),
-            ],
+        number, words = str(self.names.index(path)), (host, str(port), str(self.gateway.token))
+        child = subprocess.Popen(
+            [sys.executable, __file__, "--answer", *words, number, str(self.seconds)], stdout=subprocess.PIPE
         )
         steps, end = [], time.monotonic() + self.seconds + 3.0
         while time.monotonic() < end:
@@ -92,10 +85,11 @@ class Trips:
                     steps.append(int(entry.step) - int(entry.measured))
             taken = count
             time.sleep(0.05)
-        os.waitpid(child, 0)
-        return percentiles([H * n for n in steps])
+        said, _ = child.communicate()
+        return {"steps": percentiles([H * n for n in steps]), "on the wire": json.loads(said)}
 
     def modbus(self) -> dict[str, float]:
+        """Write one command again and again."""
         host, port = self.gateway.listening["modbus"]
         address, times, end = FIRST_COMMAND + 2 * self.names.index(PATHS[0]), [], time.monotonic() + self.seconds
         with ModbusTcpClient(host, port=port) as client:
@@ -116,15 +110,20 @@ def answer(host: str, port: str, token: str, number: str, seconds: str) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.connect((host, int(port)))
         one.settimeout(1.0)
-        sequence, end, session = 1, time.monotonic() + float(seconds), os.getpid()
+        times, begun, sequence = [], 0.0, 1
+        end, session = time.monotonic() + float(seconds), os.getpid()
         one.send(packet(COMMANDS, session, sequence, int(token), 0, 0.0, 0, b""))
         while time.monotonic() < end:
             data = one.recv(65535)
+            if data[5] == ANSWER and begun:
+                times.append(time.perf_counter() - begun)
             if data[5] == MEASUREMENTS:
+                begun = time.perf_counter()
                 sequence += 1
                 step = HEAD.unpack_from(data)[7]
                 body = COMMAND.pack(int(number), 1e-3 * (sequence % 100))
                 one.send(packet(COMMANDS, session, sequence, int(token), step, 0.0, 1, body))
+    print(json.dumps(percentiles(times)))
 
 
 def main() -> None:
