@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import subprocess
 import sys
@@ -160,6 +161,17 @@ def test_a_rule_in_time_is_said_with_its_band(simulated):
         (["live", "--cores", "99"], "--cores: '99' is no core of this machine, expected one of 0 to"),
         (["live", "--factor", "0"], "factor = 0.0, expected 0.001 to 1000"),
         (["live", "--overrun", "hope"], "there is no overrun policy 'hope', expected catch-up or re-anchor"),
+        (["live", "--console", "127.0.0.1:80"], "--console: not in this version"),
+        (["live", "--udp", "127.0.0.1"], "--udp: '127.0.0.1' is no address, expected HOST:PORT, such as"),
+        (["live", "--udp", ":5005"], "--udp: ':5005' is no address"),
+        (["live", "--modbus", "::1:5020"], "--modbus: '::1:5020' is no address"),
+        (["live", "--modbus", "127.0.0.1:modbus"], "--modbus: 'modbus' is no port, expected 0 to 65535"),
+        (["live", "--modbus", "[::1]:65536"], "--modbus: '65536' is no port"),
+        (["live", "--udp", "no such host:1"], "--udp: there is no host 'no such host'"),
+        (["live", "--on-loss", "panic"], "--on-loss: nothing is done by the name 'panic', expected hold, safe, local"),
+        (["live", "--timeout", "500"], "--timeout: '500' has no unit"),
+        (["live", "--timeout", "0 s"], "--timeout: 0 s is no time to wait"),
+        (["list", "signals", "--csv"], "--csv: belongs to `list registers`"),
         (["list", "signal"], "nothing to list of the name 'signal' (nearest: 'signals')"),
         (["plot", "nowhere", "dc_for.v_dc"], "nowhere"),
         (["plot", "nowhere", "dc_for.v_dc", "--from", "3"], "--from: '3' has no unit"),
@@ -173,6 +185,34 @@ def test_bad_input_is_said_and_ends_with_status_2_before_anything_runs(simulated
     assert (result.exit_code, made.asked) == (2, None), result.output
     assert says in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_live_run_has_the_gateway_that_is_asked_for(simulated, monkeypatch):
+    for token, said in (("0123456789abcdeF", ""), ("", "token of this run: ")):
+        monkeypatch.setenv("SHIPGRID_TOKEN", token)
+        made = simulated(error=SolverError("far enough"))
+        words = ("--udp", "[::1]:5005", "--modbus", "0.0.0.0:5020", "--on-loss", "safe", "--timeout", "0.25 s")
+        result = shipgrid("live", *words)
+        assert said in result.stderr and (said or "token of" not in result.stderr)
+        assert "--modbus: listens on 0.0.0.0, which other machines may reach" in result.stderr
+        assert "--udp: listens" not in result.stderr
+        gateway = made.asked.live.attached.args[0]
+        assert (gateway.udp, gateway.modbus) == (("::1", 5005), ("0.0.0.0", 5020))
+        assert (gateway.lost, gateway.timeout) == ("safe", 0.25)
+        assert gateway.token == 0x0123456789ABCDEF or not token
+    monkeypatch.setenv("SHIPGRID_TOKEN", "secret")
+    result = shipgrid("live", "--udp", "127.0.0.1:5005")
+    assert (result.exit_code, "SHIPGRID_TOKEN: is no token, expected 16" in result.stderr) == (2, True)
+
+
+def test_the_list_of_registers_is_for_people_and_for_programs():
+    lines = list(csv.DictReader(shipgrid("list", "registers", "--csv").stdout.splitlines()))
+    by_name = {line["name"]: line for line in lines}
+    assert by_name["dc_for.v_dc"]["table"] == "input" and by_name["dc_for.v_dc"]["unit"] == "V"
+    assert (by_name["bess_for.i_ref"]["takes"], by_name["bess_for.i_ref"]["unit"]) == ("-192 .. 192", "A")
+    taken = [(line["table"], int(line["address"]) + k) for line in lines for k in range(int(line["registers"]))]
+    assert len(taken) == len(set(taken))
+    assert "Modbus address" in shipgrid("list", "registers").stdout
 
 
 def test_every_mistake_of_options_and_files_comes_in_one_go(simulated, tmp_path):

@@ -16,6 +16,8 @@ from shipgrid.io.quantities import show_quantity
 from shipgrid.io.scenario_file import load_scenario
 from shipgrid.io.ship_file import bundled, default_of, fields_of_kind, is_required, load_ship
 from shipgrid.model.component import load_all, parameters_of, unit_of
+from shipgrid.realtime.registers import registers as made_of
+from shipgrid.realtime.registers import write_registers
 
 
 def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -86,6 +88,34 @@ def commands() -> None:
         shown = _takes(command), _shown(command, command.default), _shown(command, moored)
         rows.append((path, *shown, command.description, refusals))
     table("Commands of the ferry", ("command", "takes", "default", "moored", "meaning", "refused if"), rows)
+
+
+def registers(name: str, *, csv: bool) -> None:
+    """What field buses show of a ship and take.
+
+    Parameters
+    ----------
+    name : str
+        Of the ship, or its file.
+    csv : bool
+        As comma-separated values, for programs.
+    """
+    ship = load_ship(name)
+    if csv:
+        write_registers(sys.stdout, ship.signals, ship.commands)
+        return
+    for table_, what in (("input", "show"), ("holding", "take")):
+        rows = [
+            (line.name, "" if line.udp is None else str(line.udp), str(line.address), *line[5:])
+            for line in made_of(ship.signals, ship.commands)
+            if line.table == table_
+        ]
+        heads = ("name", "UDP number", "Modbus address", "registers", "unit", "takes", "meaning")
+        table(f"{table_.capitalize()} registers of {ship.name}: what they {what}", heads, map(_texts, rows))
+
+
+def _texts(row: Iterable[object]) -> list[str]:
+    return [str(cell) for cell in row]
 
 
 def _takes(command: Command) -> str:

@@ -7,20 +7,24 @@ Exit status: 0 done; 1 a requirement is violated; 2 bad input; 3 the simulation 
 from __future__ import annotations
 
 import difflib
+import ipaddress
 import json
 import math
 import os
+import socket
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
 VIOLATED, BAD_INPUT, FAILED, INTERRUPTED = 1, 2, 3, 130
-LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands")
+LISTS = ("ships", "scenarios", "equipment", "components", "signals", "commands", "registers")
 SCHEMAS = ("ship", "scenario")
+TOKEN = "SHIPGRID_TOKEN"
 PERCENTILES = ("p50", "p99", "p99.99", "worst")
 WORST_SHOWN = 5
 
@@ -119,19 +123,30 @@ def live(
     console: Annotated[str | None, typer.Option(help="Serve the operator console.", metavar="HOST:PORT")] = None,
     modbus: Annotated[str | None, typer.Option(help="Serve Modbus TCP.", metavar="HOST:PORT")] = None,
     udp: Annotated[str | None, typer.Option(help="Send and receive UDP.", metavar="HOST:PORT")] = None,
+    on_loss: Annotated[
+        str,
+        typer.Option(
+            help="What becomes of the commands of a lost controller: they are held, go to standstill over a ramp, or "
+            "back to the scenario's.",
+            metavar="hold|safe|local",
+        ),
+    ] = "hold",
+    timeout: Annotated[str, typer.Option(help="Silence after which a controller is lost.")] = "500ms",
 ) -> None:
     """Run a scenario paced to the wall clock, at 30 us unless a step is given; Ctrl-C stops it, --resume goes on.
 
-    A step that ends too late is an overrun; how many there were, how late, and why, is said at the end.
+    A step that ends too late is an overrun; how many there were, how late, and why, is said at the end. Controllers on
+    --udp and --modbus need a token: that of the environment variable SHIPGRID_TOKEN (16 hexadecimal digits), else one
+    is drawn and printed.
     """
-    for option, value in (("console", console), ("modbus", modbus), ("udp", udp)):
-        if value is not None:
-            _refuse(f"--{option}: not in this version")
+    if console is not None:
+        _refuse("--console: not in this version")
     with _errors_as_exit_status():
         from shipgrid.realtime.executive import Executive
         from shipgrid.scenarios.runner import DEFAULT_STEP
 
-        executive = Executive(factor, overrun, _core(cores))
+        gateway = _gateway({"udp": udp, "modbus": modbus}, on_loss, timeout)
+        executive = Executive(factor, overrun, _core(cores), attached=gateway and partial(_serve, gateway))
         if resume:
             scenario, out = _unfinished_case(scenario, out)
         case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
@@ -140,6 +155,8 @@ def live(
         results = _simulate(case, place, report=not no_report, resume=resume, live=executive)
         _say_results(results)
         _say_realtime(results.summary["realtime"])
+        if gateway is not None:
+            _say_gateway(results.summary["realtime"]["gateway"])
         if results.summary.get("interrupted"):
             raise typer.Exit(INTERRUPTED)
         if not results.ok:
@@ -213,13 +230,24 @@ def explain(ship: ShipOption = "ferry", step: StepOption = None) -> None:
 @app.command("list")
 def list_(
     what: Annotated[str | None, typer.Argument(help="What to list.", metavar=f"[{'|'.join(LISTS)}]")] = None,
+    ship: Annotated[
+        str | None,
+        typer.Option(help="Whose registers: a bundled ship by name, or a .yaml file.", metavar="NAME|FILE"),
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Registers as comma-separated values.")] = False,
 ) -> None:
-    """List ships, scenarios, equipment, components, signals or commands."""
+    """List ships, scenarios, equipment, components, signals, commands, or the registers that field buses have."""
     with _errors_as_exit_status():
         from shipgrid.cli import listing
 
         if what is not None and what not in LISTS:
             _refuse(f"list: nothing to list of the name '{what}'{_nearest(what, LISTS)}, expected {', '.join(LISTS)}")
+        if what == "registers":
+            listing.registers(ship or "ferry", csv=csv)
+            return
+        for option, given in (("ship", ship is not None), ("csv", csv)):
+            if given:
+                _refuse(f"--{option}: belongs to `list registers`")
         for name in (what,) if what else ("ships", "scenarios"):
             getattr(listing, name)()
         if what is None:
@@ -426,6 +454,79 @@ def _core(cores: str | None) -> int | None:
     if not cores.isdecimal() or int(cores) not in present:
         raise InputErrors([f"--cores: '{cores}' is no core of this machine, expected one of 0 to {present[-1]}"])
     return int(cores)
+
+
+def _gateway(buses: dict[str, str | None], on_loss: str, timeout: str) -> Any:
+    """The gateway that is asked for, if any; what listens where others can reach it is said."""
+    from shipgrid.errors import InputErrors
+    from shipgrid.realtime.desk import LOST
+    from shipgrid.realtime.gateway import Gateway
+
+    problems: list[str] = []
+    if on_loss not in LOST:
+        problems.append(f"--on-loss: nothing is done by the name '{on_loss}', expected {', '.join(LOST)}")
+    seconds = 0.0
+    try:
+        seconds = _quantity("--timeout", timeout, "s") or 0.0
+        if seconds <= 0.0:
+            problems.append(f"--timeout: {timeout} is no time to wait, expected more than 0 s")
+    except InputErrors as wrong:
+        problems += wrong.problems
+    places = {name: _address(f"--{name}", text, problems) for name, text in buses.items() if text is not None}
+    digits = os.environ.get(TOKEN, "") if places else ""
+    if digits and (len(digits) != 16 or not set(digits.lower()) <= set("0123456789abcdef")):
+        problems.append(f"{TOKEN}: is no token, expected 16 hexadecimal digits")
+    if problems:
+        raise InputErrors(problems)
+    if not places:
+        return None
+    for name, address in places.items():
+        if address is not None and not ipaddress.ip_address(address[0]).is_loopback:
+            said = (
+                f"--{name}: listens on {address[0]}, which other machines may reach; the token goes there unencrypted"
+            )
+            typer.echo(said, err=True)
+    gateway = Gateway(places.get("udp"), places.get("modbus"), on_loss, seconds)
+    if digits:
+        gateway.token = int(digits, 16)
+    else:
+        typer.echo(f"token of this run: {gateway.token:016x} (or set {TOKEN})", err=True)
+    return gateway
+
+
+def _address(option: str, text: str, problems: list[str]) -> tuple[str, int] | None:
+    """Address in numbers and port of `HOST:PORT`, `[::1]:502`; None, and a problem more, if it is none."""
+    host, colon, port = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    expected = "expected HOST:PORT, such as 127.0.0.1:5020 or [::1]:5020"
+    if not colon or not host or (":" in host and not bracketed):
+        problems.append(f"{option}: '{text}' is no address, {expected}")
+    elif not (port.isascii() and port.isdecimal()) or int(port) > 65535:
+        problems.append(f"{option}: '{port}' is no port, expected 0 to 65535 (0: any that is free)")
+    else:
+        try:
+            found = socket.getaddrinfo(host.strip("[]") if bracketed else host, int(port), type=socket.SOCK_STREAM)
+            return str(found[0][4][0]), int(port)
+        except (OSError, UnicodeError) as wrong:
+            problems.append(f"{option}: there is no host '{host}' ({wrong}), {expected}")
+    return None
+
+
+def _serve(gateway: Any, shared: Any, run: Any) -> Callable[[], dict[str, Any]]:
+    """Start the gateway with the run, and say where it listens and what the registers are."""
+    end = gateway.start(shared, run)
+    for bus, (host, port) in gateway.listening.items():
+        typer.echo(f"{bus} on {f'[{host}]' if ':' in host else host}:{port}", err=True)
+    typer.echo(f"registers in {run.folder / 'registers.csv'}", err=True)
+    return end
+
+
+def _say_gateway(found: dict[str, Any]) -> None:
+    counted = {what: count for what, count in found.items() if what not in ("listening", "on_loss", "failure")}
+    said = ", ".join(f"{count} {what}" for what, count in sorted(counted.items())) or "nobody called"
+    typer.echo(f"gateway: {said}")
+    if found["failure"]:
+        typer.echo(f"{found['failure']}; commands were held, and the run went on without it", err=True)
 
 
 def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live: Any = None) -> Any:

@@ -1,9 +1,9 @@
 """The desk of a live run: who commands the plant from outside is checked here, and what they see is taken from here.
 
 It lives in a process beside the one that runs the plant. A command is obeyed if it exists, is in its range, and the
-interlocks have nothing against it in the plant as it was published last, at most some 100 us ago. Commands of one
-instant are judged together, so that two sources can change places. A controller that falls silent is lost: what it has
-commanded is held, goes to a safe value over a ramp, or back to what the scenario had given. What somebody else has
+interlocks have nothing against it in the plant as it was published last, some tens of microseconds ago. Commands of
+one instant are judged together, so that two sources can change places. A controller that falls silent is lost: what it
+has commanded is held, goes to a safe value over a ramp, or back to what the scenario had given. What somebody else has
 commanded since is no longer its own.
 """
 
@@ -118,6 +118,7 @@ class Desk:
     ):
         self.commands, self.interlocks, self.h = ship.commands, Interlocks(ship, plan), plan.h
         self.arrays, self.lost, self.timeout, self.clock = shared.arrays, lost, timeout, clock
+        self.inbox = self.arrays["inbox"].view(np.ndarray)  # records cost microseconds
         self.sig = plan.layout.initial.copy()
         self.step = -1
         self.place = {path: plan.layout.index[f"command:{path}"] for path in self.commands}
@@ -259,7 +260,7 @@ class Desk:
 
     def _give(self, path: str, value: float, origin: int, measured: int, owner: Controller) -> bool:
         """Put a command into the box, if there is room; one that repeats its giver's last changes nothing."""
-        place, count, inbox = self.place[path], self.arrays["inbox_count"], self.arrays["inbox"]
+        place, count, inbox = self.place[path], self.arrays["inbox_count"], self.inbox
         present = float(self.sig[place])
         if owner.now.get(path) == value == present:
             return True
@@ -271,8 +272,7 @@ class Desk:
                 owner.before.setdefault(path, other.forget(path))
         owner.before.setdefault(path, present)
         owner.now[path] = value
-        entry = inbox[number % len(inbox)]
-        entry.place, entry.value, entry.origin, entry.measured = place, value, origin, measured
+        inbox[number % len(inbox)] = place, value, origin, measured
         count[0] = number + 1
         self.given[place] = Given(number, value)
         self.sig[place] = value

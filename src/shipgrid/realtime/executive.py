@@ -51,7 +51,7 @@ WINDOW = 1.0
 """Wall-clock time [s] that a row about computation and idle time is made of."""
 RING_WAVES, RING_WINDOWS, RING_COMMANDS, WORST = 16_384, 256, 4096, 32
 """Steps of a waveform window (0.5 s at 30 us), rows about the clock and commands that may wait; worst steps kept."""
-PUBLISH = 100e-6
+PUBLISH = 30e-6
 """Time [s] between two publications of the public signals, where somebody reads them."""
 PRIORITY = 80
 MCL_CURRENT = 1

@@ -53,6 +53,8 @@ class Gateway:
     ----------
     listening : dict
         Addresses, by bus, once it is started.
+    process : Popen
+        The gateway's, then.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class Gateway:
     timeout: float = 0.5
     token: int = field(default_factory=lambda: secrets.randbits(64))
     listening: dict[str, list[Any]] = field(default_factory=dict, init=False)
+    process: subprocess.Popen[bytes] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if self.lost not in LOST:
@@ -79,9 +82,8 @@ class Gateway:
                 if address is not None and not (ipaddress.ip_address(address[0]) and 0 <= address[1] < 65536):
                     raise ValueError
             except ValueError:
-                raise ParameterError(
-                    f"{bus} = {address!r} is no address and port, such as ('127.0.0.1', 5005)"
-                ) from None
+                expected = "expected such as ('127.0.0.1', 5005)"
+                raise ParameterError(f"{bus} = {address!r} is no address and port, {expected}") from None
 
     def start(self, shared: SharedArrays, run: Run) -> Callable[[], dict[str, Any]]:
         """Start the process; it listens when this returns. What is returned ends it, and has what it counted.
@@ -109,7 +111,7 @@ class Gateway:
         if run.folder is not None:
             with (run.folder / FILE).open("w", newline="") as file:
                 write_registers(file, plan.network.published, run.ship.commands)
-        process = subprocess.Popen(
+        self.process = process = subprocess.Popen(
             [sys.executable, "-m", "shipgrid.realtime.gateway"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
