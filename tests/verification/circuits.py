@@ -157,3 +157,22 @@ class LegGateOutput:
 @component(output=LegGateOutput, stage="modulate")
 class LegGates:
     """Bounds of a leg as a test writes them; blocked to begin with."""
+
+
+class ToggleState:
+    high: Ratio = signal("1 if the last one was high")
+
+
+class ToggleOutput:
+    s: Ratio = signal("reference: 0.2 and 0.8 in turn")
+
+
+@kernel
+def toggle_update(x, x_next, y):
+    y.s = 0.2 + 0.6 * x.high
+    x_next.high = 1.0 - x.high
+
+
+@component(state=ToggleState, output=ToggleOutput, update=toggle_update, stage="inner")
+class Toggle:
+    """A reference that changes at each instant."""

@@ -26,7 +26,7 @@ from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.frames import rotate, unrotate
 from shipgrid.model.network import Network, Pole, Sampled
 from shipgrid.units import Ampere, PerUnit, Radian, RadianPerSecond, Ratio, Volt
-from verification.circuits import Hold, SourceBranch
+from verification.circuits import Hold, SourceBranch, Toggle
 
 # the rectifier of the models page: 596 kW, 480 V, 60 Hz, carrier 1620 Hz sampled twice, gains K_p = 1, K_i = 7 1/s
 OMEGA = 2.0 * math.pi * 60.0
@@ -258,25 +258,6 @@ def test_a_bridge_between_a_capacitor_and_a_choke_is_of_second_order():
     orders = np.log2(np.abs(np.array(found[:-1]) / np.array(found[1:])))
     assert orders == pytest.approx(2.0, abs=0.15)  # the next term is of third order
     assert abs(found[-1]) < 1e-4 * s * v_0 * math.sqrt(capacity / L) / s
-
-
-class ToggleState:
-    high: Ratio = signal("1 if the last one was high")
-
-
-class ToggleOutput:
-    s: Ratio = signal("reference: 0.2 and 0.8 in turn")
-
-
-@kernel
-def toggle_update(x, x_next, y):
-    y.s = 0.2 + 0.6 * x.high
-    x_next.high = 1.0 - x.high
-
-
-@component(state=ToggleState, output=ToggleOutput, update=toggle_update, stage="inner")
-class Toggle:
-    """A reference that changes at each instant."""
 
 
 def test_a_switching_function_that_changes_inside_steps_acts_at_its_instant():

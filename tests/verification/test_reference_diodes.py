@@ -29,9 +29,8 @@ from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge
 from shipgrid.scenarios.against_reference import against_reference
 from shipgrid.solvers.reference import reference_run
 from validation.test_forming import Side
-from verification.circuits import Gates, LegGates, SourceBranch
+from verification.circuits import Gates, LegGates, SourceBranch, Toggle
 from verification.gallery import example
-from verification.test_against_scipy import Toggle
 from verification.test_conduction import LOWER, MEAN, OMEGA, UPPER, one_switch, six_pulse
 from verification.test_reference import difference
 
