@@ -72,6 +72,17 @@ def test_a_stall_moves_the_grid_once_where_it_may_be_moved(circuit):
     assert (p.overruns, p.spells, p.worst_late, p.slip) == (1, 1, 290_000, 290_000)
     assert p.now == (STEPS - 1) * 30_000 + USUAL + 290_000
     assert work.pace.pace_histogram[pacing.LATENESS][0] == STEPS
+    said = monitor.verdict(monitor.figures(work.pace, 30e-6, 1.0))
+    assert said.startswith("in real time but for 1 overruns") and "the plan was moved by 0.29 ms" in said
+    _, work = paced(circuit, [31_000], policy="re-anchor")  # each a microsecond late, 1 ms in all
+    assert monitor.verdict(monitor.figures(work.pace, 30e-6, 1.0)).startswith("not in real time")
+
+
+def test_the_instants_of_a_year_are_exact(circuit):
+    work = new_workspace(circuit)
+    p, n = work.pace.pacer[0], 10**12  # a year of 30 us
+    p.whole, p.num, p.den = 29_999, 999_997, 1_000_003
+    assert pacing.instant(work.pace.pacer, n) == n * 29_999 + n * 999_997 // 1_000_003
 
 
 def test_a_step_that_is_always_too_long_is_never_in_real_time(circuit):

@@ -123,6 +123,12 @@ def test_the_cause_is_the_source_for_which_it_began_and_stands_until_it_has_been
 
 @pytest.mark.parametrize("omega", [0.5, -0.5])
 def test_the_allowed_power_is_torque_times_speed_in_both_directions(omega):
-    drive = Drive(p_max=0.1).see(1.0, tau=0.3, omega=omega)
+    drive = Drive(p_max=0.1).see(1.0, tau=0.3 if omega > 0.0 else -0.3, omega=omega)
     assert drive.y.share * 1.25 * 0.5 == pytest.approx(0.1)
     assert drive.y.p_limit == pytest.approx(0.1 * 270e3)
+
+
+@pytest.mark.parametrize("omega", [0.5, -0.5])
+def test_a_drive_that_brakes_is_not_cut_back_for_an_overload_of_others(omega):
+    drive = Drive(p_max=0.1).see(1.2, tau=-0.3 if omega > 0.0 else 0.3, omega=omega, limited=True)
+    assert (drive.y.share, drive.y.limited) == (1.0, 0.0)

@@ -132,13 +132,14 @@ class Output:
 @kernel
 def update(t, dt, x: State, u: Input, p: LoadLimit, x_next: State, y: Output):
     omega = maximum(absolute(u.omega_pu), SLOW)
-    taken = absolute(u.tau_ref) * omega
+    braking = u.tau_ref.real * u.omega_pu.real < 0.0  # it feeds its bus, which an overload is glad of
+    taken = 0.0 * u.tau_ref if braking else absolute(u.tau_ref) * omega
     free = (1.0 - u.loading) * u.capacity / p.rating
     room = taken + maximum(free, 0.0) if u.loading.real > NOBODY else p.tau_max + 0.0 * free
     x_next.p_max = clip(minimum(x.p_max + free * dt / p.T_cut, room), 0.0, p.tau_max)  # (3)
     mine = x_next.p_max / (p.tau_max * omega)
-    y.share = minimum(u.granted, mine)
-    acts = u.torque_limited.real > 0.5 and mine.real < u.granted.real
+    y.share = 0.0 + u.granted if braking else minimum(u.granted, mine)
+    acts = u.torque_limited.real > 0.5 and mine.real < u.granted.real and not braking
     x_next.held = 0.0 if acts else minimum(x.held + dt, p.t_free)
     x_next.cause = x.cause if x_next.held.real < p.t_free.real else 0.0
     if acts and x_next.cause.real < 0.5:

@@ -386,6 +386,10 @@ def _case(
             fidelity, step_s = fidelity or repeated.fidelity, step_s or repeated.step
             until_s, windows = until_s or repeated.until, windows or list(repeated.waveforms)
             given = repeated.outside
+            if given and step_s != repeated.step:
+                problems.append(
+                    f"--step: the commands of {scenario} belong to steps of {repeated.step:g} s, expected none"
+                )
             _say_version(scenario, repeated)
         else:
             loaded_ship, loaded_scenario = read_case(open_document("ship", ship or "ferry"), document, overrides)

@@ -119,6 +119,9 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
     if not 0.0 < until <= loaded_scenario.duration:
         end = f"{loaded_scenario.duration:g} s"
         raise InputErrors([f"{root.entries['until'].place}: until: is not within the scenario, expected up to {end}"])
+    unknown = {c.path for c in given} - set(loaded_ship.commands)
+    if unknown:
+        raise InputErrors([f"{file}: the ship has no command {', '.join(sorted(unknown))}"])
     overridden = {**earlier, **dict(pairs)}
     options = (fidelity, step, until, version, commit, overridden, tuple(windows), tuple(given))
     return RunFile(loaded_ship, loaded_scenario, *options)

@@ -11,12 +11,12 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
-import math
 import os
 import resource
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -72,7 +72,7 @@ class Executive:
         After an overrun: run the steps that follow without waiting until the plan holds again, or let the plan begin
         anew, later.
     core : int, optional
-        Processor core for the loop; anyone if left out.
+        Processor core for the loop; any if left out.
     virtual_cost : sequence of int, optional
         For tests: nanoseconds that each step takes, in turn, on a clock that does not exist.
     attached : callable, optional
@@ -84,7 +84,7 @@ class Executive:
     Raises
     ------
     ParameterError
-        For a factor or policy that is none.
+        For a factor out of range, or a policy that there is not.
     """
 
     factor: float = 1.0
@@ -92,7 +92,7 @@ class Executive:
     core: int | None = None
     virtual_cost: Sequence[int] | None = None
     attached: Callable[[SharedArrays, Run], Callable[[], dict[str, Any]]] | None = None
-    snapshot_every: float = math.inf
+    snapshot_every: float = 60.0
     paused: threading.Event = field(default_factory=threading.Event, init=False)
     stopped: threading.Event = field(default_factory=threading.Event, init=False)
     wanted: threading.Event = field(default_factory=threading.Event, init=False)
@@ -188,6 +188,7 @@ class Executive:
         recording = Recording(shared, log, told)
         try:
             detach = self.attached(shared, run) if self.attached else dict
+            shared.path.unlink()  # all who look at it have mapped it; a run that is killed leaves nothing behind
             try:
                 with Interrupt() as interrupt, _quiet():
                     steps.start()
@@ -198,20 +199,36 @@ class Executive:
                             self.stop()
                         if time.monotonic() - keeper.written > self.snapshot_every and not self.wanted.is_set():
                             self.snapshot()
-                        if steps.state is not None:
-                            state, logged, counted = steps.state
-                            steps.state = None
-                            recording.sync()
-                            keeper.put(state, logged, recording.rows(windows, n, counted))
+                        steps.write_commands()
+                        self._write_snapshot(steps, recording, windows, n)
                         if progress is not None:
                             progress((n + int(self.pace.pacer[0].steps)) * plan.h, end)
             finally:
+                if steps.is_alive():  # something went wrong here: the plant does not sail on without a crew
+                    self.stop()
+                    steps.join()
                 self.found |= detach()
         finally:
             written = recording.end()
             log.catch_up()
         steps.log_events()
+        steps.write_commands()
         return written
+
+    def _write_snapshot(self, steps: _Steps, recording: Recording, windows: list[tuple[int, int, str]], n: int) -> None:
+        """Write the snapshot that has been asked for, if its state has been copied."""
+        if steps.state is None:
+            return
+        state, logged, counted = steps.state
+        steps.state = None
+        try:
+            recording.sync()
+            os.fsync(steps.kept.fileno())
+            steps.keeper.put(state, logged, recording.rows(windows, n, counted))
+        except OSError as wrong:  # the older one stays, and the ship sails on
+            what = f"no snapshot could be written: {wrong}"
+            steps.plant.events.append((state.n * steps.plant.plan.h, steps.plant.plan.network.name, what))
+            steps.keeper.written = time.monotonic()
 
     def _share(self, run: Run) -> SharedArrays:
         """Put everything that other processes look at into shared memory, the clock's arrays among it."""
@@ -225,7 +242,8 @@ class Executive:
         )
         p = pace.pacer[0]
         period = Fraction(plan.h).limit_denominator(10**9) / Fraction(self.factor).limit_denominator(10**6) * 10**9
-        p.num, p.den = period.numerator, period.denominator
+        p.whole, p.den = int(period), period.denominator
+        p.num = period.numerator - p.whole * p.den
         p.on, p.window, p.reanchor = 1, self.window(plan), int(self.policy == "re-anchor")
         p.publish_every = max(1, round(PUBLISH / plan.h)) if self.attached else 0
         if self.virtual_cost is not None:
@@ -235,6 +253,8 @@ class Executive:
         work.step.wave_rows.resize((RING_WAVES if plan.step.wave_source.size else 1, columns), refcheck=False)
         names = ("rows", "plant_rows", "slow_rows", "wave_row", "wave_rows")
         step = {name: getattr(work.step, name) for name in names}
+        if self.attached:  # whoever looks before the first step sees the plant as it starts
+            pace.outbox[0], pace.outbox_step[0], pace.outbox_count[0] = work.sig, work.n, 1
         shared = SharedArrays.create(step | pace._asdict())
         work.step = work.step._replace(**{name: shared.arrays[name] for name in names})
         work.pace = self.pace = pacing.PaceWork(**{name: shared.arrays[name] for name in pace._fields})
@@ -276,6 +296,7 @@ class _Steps(threading.Thread):
         self.found: dict[str, Any] = {}
         self.events_seen = self.applied_seen = 0
         self.logging = threading.Lock()
+        self.lines: deque[str] = deque()
         plan = run.plan
         self.path = {plan.layout.index[f"command:{path}"]: path for path in plan.network.commands}
 
@@ -308,24 +329,36 @@ class _Steps(threading.Thread):
             self.log_events()  # before the commands of this instant, as offline
             if self.due.give():
                 p.did |= pacing.VISITED
+                done = 0
+                while done == 0:  # a request waits for one step: what has been given belongs to it
+                    p.stop = 0
+                    done = entry(1, work.n, *values)
+                self._advanced(done)
+                continue
             stop = int(min(self.last, self.due.until(), self.waves.until(work.n)))
             if executive.paused.is_set():
                 stop = min(stop, work.n + executive.singles)
             done = entry(stop - work.n, work.n, *values)
-            work.n += abs(done)
-            executive.singles = max(0, executive.singles - abs(done))
-            if done < 0:
-                run.failure = culprit(plan, work)
-                run.events.append((run.t, plan.network.name, run.failure))
+            self._advanced(done)
         spent += int(p.now) - began
         run.wall_s += 1e-9 * spent
-        due = int(p.anchor) + (work.n - int(p.anchor_step)) * int(p.num) // int(p.den)
+        steps = work.n - int(p.anchor_step)
+        due = int(p.anchor) + steps * int(p.whole) + steps * int(p.num) // int(p.den)
         self.found |= {
             "simulated_s": (work.n - first) * plan.h,
             "wall_s": 1e-9 * spent,
             "end_after_deadline_s": 1e-9 * (int(p.now) - due),
             "involuntary_switches": resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw - before,
         }
+
+    def _advanced(self, done: int) -> None:
+        """Book steps that have been run; a negative number says that the last of them failed."""
+        run, plan, work = self.plant, self.plant.plan, self.plant.work
+        work.n += abs(done)
+        self.executive.singles = max(0, self.executive.singles - abs(done))
+        if done < 0:
+            run.failure = culprit(plan, work)
+            run.events.append((run.t, plan.network.name, run.failure))
 
     def _copy_state(self) -> None:
         """Copy what a snapshot has, for the main thread to write."""
@@ -345,6 +378,12 @@ class _Steps(threading.Thread):
         p.anchor, p.anchor_step, p.now = now, work.n, now
         return now
 
+    def write_commands(self) -> None:
+        """Write down the commands from outside; by the main thread, so that the loop waits for no disk."""
+        while self.lines:
+            self.kept.write(self.lines.popleft())
+        self.kept.flush()
+
     def log_events(self) -> None:
         """Put what the steps have met, and the commands from outside that they have taken, into the event log."""
         run, pace = self.plant, self.plant.work.pace
@@ -358,9 +397,7 @@ class _Steps(threading.Thread):
                 origin = ORIGINS[int(entry.origin)]
                 command = Outside(int(entry.step), self.path[int(entry.place)], float(entry.value), origin)
                 self.due.obeyed(command)
-                self.kept.write(f"{command.step},{command.path},{command.value!r},{origin}\n")
-            if taken > self.applied_seen:
-                self.kept.flush()
+                self.lines.append(f"{command.step},{command.path},{command.value!r},{origin}\n")
             self.applied_seen = pace.inbox_count[2] = taken  # their places may be used again
 
 
@@ -369,12 +406,14 @@ def _quiet() -> Iterator[None]:
     """Keep Python's own interruptions away from the visits of the loop."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH)
+    collecting = gc.isenabled()
     gc.collect()
     gc.disable()
     try:
         yield
     finally:
-        gc.enable()
+        if collecting:
+            gc.enable()
         sys.setswitchinterval(interval)
 
 

@@ -6,11 +6,12 @@ its standard input does, so also when the process that runs the plant is killed:
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,25 @@ def spans(windows: Iterable[tuple[int, int, str]], n: int) -> list[tuple[str, in
     return found
 
 
+def newest(ring: np.ndarray, taken: int, counted: Callable[[], int]) -> tuple[np.ndarray, np.ndarray, int]:
+    """Copy what has come into a ring: numbers and contents, and how many were overwritten before they were copied.
+
+    Parameters
+    ----------
+    ring : ndarray, shape (capacity, ...)
+    taken : int
+        How many have been taken before.
+    counted : callable
+        Says how many there are; asked again after the copy, since the writer goes on meanwhile.
+    """
+    capacity, count = len(ring), counted()
+    numbers = np.arange(max(taken, count - capacity + 1), count)
+    contents = ring[numbers % capacity]
+    sound = numbers > counted() - capacity  # the next one to be written takes the place of the oldest
+    numbers, contents = numbers[sound], contents[sound]
+    return numbers, contents, int(numbers[0]) - taken if len(numbers) else 0
+
+
 class Ring:
     """One ring of rows, read from another process.
 
@@ -62,18 +82,13 @@ class Ring:
         self.group, self.rows, self.first, self.every, self.step = group, rows, first, every, step
         self.taken = self.lost = 0
 
-    def take(self, count: int, log: RowLog) -> None:
-        """Hand the rows up to number `count` on."""
-        capacity = self.rows.shape[1]
-        if count - self.taken > capacity - 1:  # the oldest may be under the pen
-            self.lost += count - (capacity - 1) - self.taken
-            self.taken = count - (capacity - 1)
-        while self.taken < count:
-            at = self.taken % capacity
-            many = min(count - self.taken, capacity - at)
-            time = (self.first + np.arange(self.taken, self.taken + many) * self.every) * self.step
-            log.append(self.group, time, *self.rows[:, at : at + many].copy())
-            self.taken += many
+    def take(self, counted: Callable[[], int], log: RowLog) -> None:
+        """Hand on the rows up to the number that `counted` says."""
+        numbers, rows, lost = newest(self.rows.swapaxes(0, 1), self.taken, counted)
+        self.lost += lost
+        if len(numbers):
+            log.append(self.group, (self.first + numbers * self.every) * self.step, *rows.swapaxes(0, 1))
+            self.taken = int(numbers[-1]) + 1
 
 
 def wave_count(wave_row: np.ndarray) -> int:
@@ -111,17 +126,15 @@ class Recorder:
     def look(self) -> None:
         """Take what is new."""
         for ring, counter, k in self.rings:
-            ring.take(int(counter[k]), self.log)
-        count, capacity = wave_count(self.arrays["wave_row"]), len(self.waves)
-        if count - self.waves_taken > capacity - 1:
-            self.waves_lost += count - (capacity - 1) - self.waves_taken
-            self.waves_taken = count - (capacity - 1)
+            ring.take(lambda counter=counter, k=k: int(counter[k]), self.log)
+        numbers, waves, lost = newest(self.waves, self.waves_taken, lambda: wave_count(self.arrays["wave_row"]))
+        self.waves_lost += lost
         for group, first, begin, end in self.windows:
-            a, b = max(self.waves_taken, begin), min(count, end)
-            if a < b:
-                rows = self.waves[np.arange(a, b) % capacity] @ self.weights
-                self.log.append(group, (first + np.arange(a, b) - begin) * self.step, rows)
-        self.waves_taken = count
+            inside = (numbers >= begin) & (numbers < end)
+            if np.any(inside):
+                self.log.append(group, (first + numbers[inside] - begin) * self.step, waves[inside] @ self.weights)
+        if len(numbers):
+            self.waves_taken = int(numbers[-1]) + 1
 
     def lost(self) -> dict[str, int]:
         """Rows that were not taken in time, by group."""
@@ -142,9 +155,10 @@ def main() -> None:
             failure = _attempt(recorder.look)
             if asked == SYNC:
                 failure = failure or _attempt(lambda: rows.update(log.sync()))
-                print(failure, flush=True)
+                print(failure or ("rows were lost" if recorder.lost() else ""), flush=True)
         failure = failure or _attempt(lambda: rows.update(log.sync()))
-    print(json.dumps({"rows": rows, "lost": recorder.lost(), "failure": failure}), flush=True)
+    with contextlib.suppress(BrokenPipeError):  # nobody is left to hear it
+        print(json.dumps({"rows": rows, "lost": recorder.lost(), "failure": failure}), flush=True)
 
 
 def _attempt(what: Any) -> str:

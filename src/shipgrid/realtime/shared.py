@@ -1,6 +1,6 @@
 """Arrays that several processes see: one file in the machine's memory, with a head that names them.
 
-Nothing is locked. Each array has one writer; who reads what another process writes looks at that process' counters
+Nothing is locked. Each entry has one writer; who reads what another process writes looks at that process' counters
 (`solvers/pacing.py`).
 """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ class Outside(NamedTuple):
 
 
 def read_outside(path: Path) -> list[Outside]:
-    """Commands that a live run was given while it ran.
+    """Commands that a live run was given while it ran, in their order.
 
     Parameters
     ----------
@@ -32,5 +33,12 @@ def read_outside(path: Path) -> list[Outside]:
     OSError, ValueError
         If it cannot be read, or is damaged.
     """
-    with path.open(newline="") as file:
-        return [Outside(int(step), name, float(value), origin) for step, name, value, origin in csv.reader(file)]
+    text = path.read_text()
+    whole = text[: text.rfind("\n") + 1].splitlines()  # of a killed run the last line may be half
+    given = [Outside(int(step), name, float(value), origin) for step, name, value, origin in csv.reader(whole)]
+    return sorted(dict.fromkeys(given), key=lambda command: command.step)
+
+
+def as_lines(commands: Iterable[Outside]) -> str:
+    """Text of such a file."""
+    return "".join(f"{step},{path},{value!r},{origin}\n" for step, path, value, origin in commands)

@@ -47,7 +47,7 @@ from shipgrid.scenarios.output_folder import (
     unfinished,
     write_text,
 )
-from shipgrid.scenarios.outside import COMMANDS, Outside, read_outside
+from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, read_outside
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
@@ -331,8 +331,10 @@ def simulate(
             run = Run(plan, work)
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, live is not None)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
         write_text(folder.path / MARK, text)
+        if outside:
+            write_text(folder.path / COMMANDS, as_lines(outside))
         if planned is not None:
             planned(time_of_a_step(plan, work) * (round(end / h) - work.n))
         folder.unfinished.mkdir(exist_ok=True)
@@ -439,8 +441,7 @@ def _unfinished_run(
 def _forget_commands(path: Path, n: int) -> None:
     """Drop the commands from outside that came after a snapshot."""
     if path.is_file():
-        kept = [command for command in read_outside(path) if command.step < n]
-        path.write_text("".join(f"{step},{name},{value!r},{by}\n" for step, name, value, by in kept))
+        write_text(path, as_lines(command for command in read_outside(path) if command.step < n))
 
 
 def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
@@ -486,9 +487,10 @@ def _conclude(
     plan, work, folder = run.plan, run.work, place.path
     limiters = limiter_rows(run)
     make_results(folder, place.unfinished, run.events, limiters)
-    given = place.unfinished / COMMANDS
-    if given.is_file() and given.stat().st_size:
-        shutil.copyfile(given, folder / COMMANDS)
+    files = [path for path in (folder / COMMANDS, place.unfinished / COMMANDS) if path.is_file()]
+    given = sorted({command for path in files for command in read_outside(path)}, key=lambda command: command.step)
+    if given:
+        write_text(folder / COMMANDS, as_lines(given))
     energy, imbalance = energy_balance(plan, work, kept["before"])
     summary: dict[str, Any] = {
         "scenario": scenario.name,
@@ -781,7 +783,6 @@ def _run_yaml(
     overrides: Mapping[str, str],
     about: Mapping[str, str],
     waveforms: Sequence[tuple[float, float]],
-    live: bool,
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
@@ -793,7 +794,7 @@ def _run_yaml(
         f"version: {about['version']}",
         f"commit: {about['commit']}",
         *(["waveforms:", *(f"  - {a!r} s:{b!r} s" for a, b in waveforms)] if waveforms else []),
-        *([f"outside: {COMMANDS}  # beside this file, if any came: commands given while it ran"] if live else []),
+        f"outside: {COMMANDS}  # beside this file, if there were any: commands given while a live run ran",
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
         "ship: |2",  # the indentation said, whatever the text begins with

@@ -44,7 +44,7 @@ class Timeline:
         Who gives commands by a rule of power management, through the interlocks.
     outside : iterable of Outside
     continued : bool
-        Whether what is due at this very step has been given.
+        Whether the run has been going on before: what was due earlier has been given, what is due at this step has not.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Timeline:
         self.quiet: dict[tuple[str, str], tuple[float, int]] = {}
 
     def give(self) -> bool:
-        """Give what is due at this step, and look again at what is held back; true if anything was given."""
+        """Give what is due at this step, and look again at what is held back; true if there was anything."""
         now: dict[str, float] = {}
         while self.pending and self.pending[0][0] <= self.work.n:
             _, path, value = self.pending.pop(0)
@@ -81,7 +81,8 @@ class Timeline:
         self._give(now, look=self.work.n % self.every == 0)
         if self.work.n % self.every == 0:
             self._operate()
-        given = bool(now)
+        looked = self.work.n % self.every == 0 and self._watches()
+        given = bool(now) or looked
         while self.outside and self.outside[0].step <= self.work.n:
             command = self.outside.pop(0)
             self.work.sig[self.places[command.path]] = command.value
@@ -107,7 +108,7 @@ class Timeline:
         """The next step at which `give` has something to do."""
         at = [self.pending[0][0]] if self.pending else []
         at += [self.outside[0].step] if self.outside else []
-        if self.operator is not None or (self.interlocks is not None and self.interlocks.held):
+        if self._watches():
             at.append((self.work.n // self.every + 1) * self.every)  # whole multiples: the same in every run
         return min(at, default=math.inf)
 
@@ -126,6 +127,9 @@ class Timeline:
             for path, value, reason in verdicts:
                 text = self.said(path, value) + (", as it had been asked to" if again else "")
                 self._log(path, f"refused: {reason} ({self.said(path, value)})" if reason else text)
+
+    def _watches(self) -> bool:
+        return self.operator is not None or (self.interlocks is not None and bool(self.interlocks.held))
 
     def _operate(self) -> None:
         """Let a rule of power management look at the plant, and give its commands as anybody's, with their origin."""

@@ -2,11 +2,11 @@
 
 Step `n` of a live run begins at
 
-    T_n = anchor + (n - anchor_step) num / den                                             (pacing-1)
+    T_n = anchor + (n - anchor_step) (whole + num / den)                                   (pacing-1)
 
-in whole nanoseconds, `num / den` being the step divided by the factor of time; nothing is added up. It is computed
-(`computation`), and what is left until T_n+1 is idle. A step that ends after T_n+1 is an overrun. Then either the
-steps that follow run without waiting until the plan holds again (catch-up), or the grid is moved to begin now
+in whole nanoseconds, what is in brackets being the step divided by the factor of time; nothing is added up. It is
+computed (`computation`), and what is left until T_n+1 is idle. A step that ends after T_n+1 is an overrun. Then either
+the steps that follow run without waiting until the plan holds again (catch-up), or the grid is moved to begin now
 (re-anchor); how far in all, is the slip.
 
 An offline run has the same loop with the clock off: one comparison a step.
@@ -48,6 +48,7 @@ PACER = _record(
     ("stop", "i8"),  # set from outside: return before the next step
     ("virtual", "i8"),  # 1: the clock is what `virtual_cost` makes of it
     ("reanchor", "i8"),  # the policy after an overrun
+    ("whole", "i8"),  # of a step on the clock, whole nanoseconds, and the rest as a fraction
     ("num", "i8"),
     ("den", "i8"),
     ("anchor", "i8"),
@@ -67,7 +68,8 @@ PACER = _record(
     ("stalled", "i8"),
     ("longest_stall", "i8"),
     ("computed", "i8"),  # sum of computation [ns]
-    ("window", "i8"),  # steps of a window
+    ("window", "i8"),  # steps of a window, and those that the present one has
+    ("in_window", "i8"),
     ("least_bad", "i8"),  # smallest computation in `pace_worst` [ns]
     ("publish_every", "i8"),  # steps between two publications, 0 for none
 )
@@ -138,12 +140,20 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: in
 
 
 @kernel
+def instant(pacer, n):
+    """When step `n` begins [ns]; exact for years: what is multiplied with `num` alone would overflow within hours."""
+    p = pacer[0]
+    k = n - p.anchor_step
+    return p.anchor + k * p.whole + k * p.num // p.den
+
+
+@kernel
 def begin_step(done, sig, pacer, event_count, inbox, inbox_count, applied, applied_count):
     """Wait for the instant of step number `done` and take commands that have come; true if the loop shall return."""
     p = pacer[0]
     if p.stop != 0:
         return True
-    due = p.anchor + (done - 1 - p.anchor_step) * p.num // p.den
+    due = instant(pacer, done - 1)
     if p.virtual != 0:
         now = p.now
         if now < due:
@@ -211,8 +221,7 @@ def end_step(
         outbox_step[slot] = done
         fence()
         outbox_count[0] += 1
-    due = p.anchor + (done - p.anchor_step) * p.num // p.den
-    begun = p.anchor + (done - 1 - p.anchor_step) * p.num // p.den
+    due, begun = instant(pacer, done), instant(pacer, done - 1)
     now = p.start + virtual_cost[(done - 1) % virtual_cost.shape[0]] if p.virtual != 0 else monotonic_ns()
     p.now = now
     did = p.did
@@ -248,9 +257,11 @@ def end_step(
     bound(pace_window, COMPUTATION, 1e-9 * computation)
     bound(pace_window, IDLE, 1e-9 * idle)
     bound(pace_window, LATENESS, 1e-9 * late)
+    p.in_window += 1
     if done % p.window == 0:
         row = pace_count[0] % pace_rows.shape[1]
-        close_window(pace_window, pace_rows, row, p.window, p.overruns)
+        close_window(pace_window, pace_rows, row, p.in_window, p.overruns)
+        p.in_window = 0
         fence()
         pace_count[0] += 1
     if computation > p.least_bad:
