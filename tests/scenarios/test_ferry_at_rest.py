@@ -126,7 +126,7 @@ def carried_over(plan: Plan, other: Plan, settled: Workspace) -> Workspace:
     views[f"{key}_x"]["position"] = 0.0
     starts = views[f"{key}_p"]["line"].astype(int)
     for k, start in enumerate(starts):
-        end = min((s for s in starts if s > start), default=plan.delay_cells)
+        end = min((s for s in starts if s > start), default=len(work.step.delays))
         work.step.delays[start:end] = views[f"{key}_u"]["throttle"][k]
     work.step.previous[:] = work.sig
     work.step.watched_was[:] = work.sig[plan.step.watched]

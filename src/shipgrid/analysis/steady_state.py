@@ -202,7 +202,10 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
     made = new_workspace(to)
     places = [(to.layout.index[path], k) for path, k in plan.layout.index.items() if path in to.layout.index]
     made.sig[[a for a, _ in places]] = work.sig[[b for _, b in places]]
-    made.step.delays[:] = work.step.delays
+    for part, own in zip(to.pieces, made.pieces, strict=True):
+        for path, (first, length) in part.delay_lines.items():
+            was = plan.delay_lines[path][0]
+            own.step.delays[first : first + length] = work.step.delays[was : was + length]
     settle_outputs(to, made)
     return fresh(to, made)
 
@@ -210,12 +213,12 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
 def fresh(plan: Plan, work: Workspace) -> Workspace:
     """The same state with the clock at zero and empty logs."""
     work.n = 0
-    step = work.step
-    step.rows[:] = 0
-    step.interval[:] = np.inf, -np.inf, 0.0
-    step.energy[:] = 0.0
-    step.limiter_time[:] = 0.0
-    step.limiter_was[:] = 0.0
-    step.event_count[0] = 0
-    step.watched_was[:] = work.sig[plan.step.watched]
+    for step in (piece.step for piece in (*work.parts, work)):
+        step.rows[:] = 0
+        step.interval[:] = np.inf, -np.inf, 0.0
+        step.energy[:] = 0.0
+        step.limiter_time[:] = 0.0
+        step.limiter_was[:] = 0.0
+        step.event_count[0] = 0
+    work.step.watched_was[:] = work.sig[plan.step.watched]
     return work

@@ -11,6 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from shipgrid.assembly.layout import Layout
+from shipgrid.assembly.partition import LineEnd
 from shipgrid.model.component import type_of
 from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import Placed
@@ -18,7 +19,7 @@ from shipgrid.model.records import make_record, names_of, parameter_record
 
 
 def energy_of_contacts(
-    layout: Layout, energy_items: list[tuple[str, str]]
+    layout: Layout, energy_items: list[tuple[str, str]], ends: list[LineEnd]
 ) -> tuple[dict[str, np.ndarray], list[tuple[str, str]]]:
     """Fields `drop_...` of `StepPlan`, and the entries that the energy audit needs on top for them.
 
@@ -27,17 +28,27 @@ def energy_of_contacts(
     layout : Layout
     energy_items : list of (str, str)
         Path and ledger of each entry there is; what a contact interrupts counts as a loss of its element.
+    ends : list of LineEnd
+        Of stub lines; what an element that is cut loses is booked at its near end.
     """
     items = list(energy_items)
     first, rows, ledgers = [], [0], []
     terms: list[tuple[int, int, float]] = []
+    cut = {end.placed.path for end in ends}
+    plain = [p for t in layout.types if t.kind.linear for p in t.placed if p.path not in cut]
     # in the order in which the network's contacts are numbered
-    for placed in (p for t in layout.types if t.kind.linear for p in t.placed if p.variant):
+    for placed, here in [(p, True) for p in plain] + [(end.placed, end.near) for end in ends]:
+        if not placed.variant:
+            continue
+        first.append(len(rows) - 1)
+        if not here:
+            rows += [len(terms)] * len(placed.positions)
+            ledgers.append(0)
+            continue
         entry = placed.path, "losses"
         if entry not in items:
             items.append(entry)
         ledgers.append(items.index(entry))
-        first.append(len(rows) - 1)
         form = energy_form(placed)
         for held in (states or () for states in placed.positions):
             terms += [

@@ -1,22 +1,27 @@
 """Who owns which slice of the flat vectors, and which number every name stands for.
 
 The flat vector `sig` holds, in this order: the constants 0 and 1, the commands, the node voltages, and for each
-component type in use the states, inputs and outputs of all its instances.
+component type in use the states, inputs and outputs of all its instances. Of a plant in parts (`partition.py`) each
+part has a stretch of it; what it reads of others, and its ends of stub lines, come after its node voltages.
 """
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from shipgrid.assembly.partition import SIGNALS, Part
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
 from shipgrid.model.network import Network, Placed
 from shipgrid.model.records import initial_of, names_of, parameter_values, size_of
 
 ZERO, ONE = 0, 1
+GAP = 16
+"""Unused places between the stretches of two parts: no two cores write into one cache line."""
 
 
 @dataclass
@@ -59,6 +64,7 @@ class Layout:
     states: set[str]
     slots: dict[tuple[str, str], int]  # place of a field by kind of record ("x", "u", "y") and path
     tables: np.ndarray
+    first: int  # place of the first signal of this stretch
 
     def place(self, path: str, asker: str) -> int:
         """Place of a signal in the flat vector.
@@ -75,12 +81,22 @@ class Layout:
         raise TopologyError(f"{asker} reads '{path}', which does not exist{hint}")
 
 
-def lay_out(network: Network) -> Layout:
-    """Give every signal of a network its place."""
+def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[ComponentType] = ()) -> Layout:
+    """Give every signal of a network its place.
+
+    Parameters
+    ----------
+    network : Network
+    before : Layout, optional
+        Of a part that has its stretch of the flat vector before this one.
+    kinds : iterable of ComponentType
+        Types that are laid out even where there is no instance of them.
+    """
     index: dict[str, int] = {"": ZERO}
     unit: dict[str, str] = {}
     description: dict[str, str] = {}
-    initial: list[float] = [0.0, 1.0]
+    initial: list[float] = [0.0, 1.0] if before is None else [*before.initial, *[0.0] * GAP]
+    beginning = 0 if before is None else len(initial)
     for command, value in network.commands.items():
         index[f"command:{command}"] = len(initial)
         initial.append(value)
@@ -92,11 +108,17 @@ def lay_out(network: Network) -> Layout:
         network_signals.add(len(initial))
         initial.append(0.0)
 
-    grouped: dict[str, TypeLayout] = {}
-    for placed in network.placed.values():
-        kind = type_of(placed.item)
-        grouped.setdefault(kind.key, TypeLayout(kind, [])).placed.append(placed)
-    types = [grouped[key] for key in sorted(grouped)]
+    if isinstance(network, Part):
+        for path in network.foreign:
+            index[path] = len(initial)
+            initial.append(0.0)
+        for end in network.ends:
+            for name, meaning in SIGNALS.items():
+                index[f"{end.name}.{name}"] = len(initial)
+                unit[f"{end.name}.{name}"], description[f"{end.name}.{name}"] = "V" if name == "v" else "A", meaning
+                initial.append(0.0)
+
+    types = by_type(network, kinds)
     states: set[str] = set()
     slots: dict[tuple[str, str], int] = {}
     tables: list[np.ndarray] = []
@@ -136,5 +158,48 @@ def lay_out(network: Network) -> Layout:
     # offsets into `tables` are positions in the concatenation, so the order above is the pool's order
     pool = np.concatenate(tables) if tables else np.zeros(1)
     return Layout(
-        len(initial), index, unit, description, np.array(initial), types, nodes, network_signals, states, slots, pool
+        len(initial),
+        index,
+        unit,
+        description,
+        np.array(initial),
+        types,
+        nodes,
+        network_signals,
+        states,
+        slots,
+        pool,
+        beginning,
     )
+
+
+def by_type(network: Network, kinds: Iterable[ComponentType] = ()) -> list[TypeLayout]:
+    """Components of a network by their types, in the order of the flat vector, without their places in it.
+
+    Parameters
+    ----------
+    network : Network
+    kinds : iterable of ComponentType
+        Types that are in the list even where there is no instance of them.
+    """
+    grouped: dict[str, TypeLayout] = {kind.key: TypeLayout(kind, []) for kind in kinds}
+    for placed in network.placed.values():
+        kind = type_of(placed.item)
+        grouped.setdefault(kind.key, TypeLayout(kind, [])).placed.append(placed)
+    return [grouped[key] for key in sorted(grouped)]
+
+
+def united(parts: Sequence[tuple[Part, Layout]], kinds: Iterable[ComponentType]) -> Layout:
+    """The flat vector of a plant in parts by name: the signals of all of them, and no component or node of its own."""
+    whole = lay_out(Network(""), None, kinds)
+    last = parts[-1][1]
+    whole.size, whole.first, whole.initial = last.size, last.size, last.initial.copy()
+    for part, layout in parts:
+        own = {path: place for path, place in layout.index.items() if path not in part.foreign}
+        whole.index |= own
+        whole.unit |= layout.unit
+        whole.description |= layout.description
+        whole.network_signals |= layout.network_signals
+        whole.states |= layout.states
+        whole.slots |= layout.slots
+    return whole

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from shipgrid.assembly.layout import ONE, ZERO, Layout
+from shipgrid.assembly.partition import LineEnd, Part, end_matrices, end_space
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import type_of
-from shipgrid.model.network import AcBus, DcBus, Network, Placed
+from shipgrid.model.network import AcBus, DcBus, Network, Placed, PortBinding
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 from shipgrid.solvers.nodal import NetworkPlan
@@ -24,9 +25,12 @@ ABSURD = {DcBus: 3.0, AcBus: 4.0}
 def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     """Arrays of the nodal solver; nodes are renumbered into their order of elimination."""
     gh = GAMMA * step
-    elements = [p for t in layout.types if t.kind.linear for p in t.placed]
+    ends = network.ends if isinstance(network, Part) else []
+    cut = {end.placed.path for end in ends if end.near}
+    elements = [p for t in layout.types if t.kind.linear for p in t.placed if p.path not in cut]
     machines = [p for t in layout.types if t.kind.stamped for p in t.placed]
-    pairs = _pairs(network, layout.nodes, elements + machines)
+    meeting = [list(p.ports.values()) for p in elements + machines] + [end.bindings for end in ends]
+    pairs = _pairs(network, layout.nodes, meeting)
     order = elimination_order(len(layout.nodes), pairs)
     rank = {old: new for new, old in enumerate(order)}
     names = [layout.nodes[k] for k in order]
@@ -45,23 +49,40 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     ports, sparse = _Ports(layout, number), _Sparse()
     state_signal: list[int] = []
     driven: list[tuple[int, int, float]] = []  # place of a state, port and rate, for every state that a port drives
-    for placed in elements:
-        kind = type_of(placed.item)
-        space, blocks = matrices(placed.item, tuple(placed.positions))
-        sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
+
+    def add(
+        placed: Placed, space: Any, blocks: list[Any], sources: list[int], states: list[str], met: list[Any]
+    ) -> None:
+        """Add one linear element: its matrices, the places of its sources, its states, and where its ports are."""
         selector = layout.place(placed.variant, placed.path) if placed.variant else None
         sparse.add(blocks, len(state_signal), len(ports), sources, selector)
-        places = [layout.slots["x", f"{placed.path}.{s}"] for s in names_of(kind.state)]
-        state_signal += places
-        for r, c in zip(*np.nonzero(space.B[:, : len(kind.terminals)]), strict=True):
+        places = [layout.slots["x", f"{placed.path}.{s}"] for s in states]
+        state_signal.extend(places)
+        for r, c in zip(*np.nonzero(space.B[:, : len(met)]), strict=True):
             driven.append((places[r], len(ports) + int(c), float(space.B[r, c])))
-        ports.add(placed)
+        ports.add(placed.path, met)
+
+    for placed in elements:
+        space, blocks = matrices(placed.item, tuple(placed.positions))
+        sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
+        add(placed, space, blocks, sources, names_of(type_of(placed.item).state), _terminals(layout, placed))
+    line_port = []
+    for end in ends:
+        space, blocks = end_space(end, 0, step), end_matrices(end, step, gh)
+        sources = [layout.slots["u", f"{end.placed.path}.{name}"] for name in space.sources[:-1]]
+        sources.append(layout.index[f"{end.name}.wave"])
+        met = _terminals(layout, end.placed, end.rest)
+        if end.at_node:
+            met.append((end.node, layout.index[f"{end.name}.v"], layout.index[f"{end.name}.i"]))
+        says = layout.index[f"{end.name}.says"]  # it meets no node: no voltage to be told
+        add(end.placed, space, blocks, sources, end.states, [*met, (PortBinding(None), says, says)])
+        line_port.append(len(ports) - 1)
     n_linear_ports = len(ports)
     machine_w, machine_port = [], []
     for placed in machines:
         machine_w.append(ports.w_next)
         machine_port.append(len(ports))
-        ports.add(placed)
+        ports.add(placed.path, _terminals(layout, placed))
 
     terms = ports.terms()
     capacitance = np.array([network.capacitances.get(name, 0.0) for name in names])
@@ -86,23 +107,69 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         machine_w=_integers(machine_w),
         machine_port=_integers(machine_port),
         **_bridges(network, layout, ports, driven),
+        **_lines(layout, ends, line_port),
     )
+
+
+def _terminals(layout: Layout, placed: Placed, names: list[str] | None = None) -> list[tuple[PortBinding, int, int]]:
+    """Where an element's terminals, or those of these names, meet the nodes; places of voltage and current."""
+    return [
+        (
+            placed.ports[terminal.name],
+            layout.slots["u", f"{placed.path}.{terminal.v}"],
+            layout.slots["y", f"{placed.path}.{terminal.i}"],
+        )
+        for terminal in type_of(placed.item).terminals
+        if names is None or terminal.name in names
+    ]
+
+
+def _lines(layout: Layout, ends: list[LineEnd], line_port: list[int]) -> dict[str, np.ndarray]:
+    """Fields of `NetworkPlan` that describe the ends of stub lines."""
+
+    def places(name: str) -> list[int]:
+        return [layout.index[f"{end.name}.{name}"] for end in ends]
+
+    kept = places("i")  # the far end has no element whose current it is
+    for k, end in enumerate(ends):
+        if end.near:
+            kept[k] = layout.slots["x", f"{end.placed.path}.{end.state}"]
+    outputs = places("i")
+    for k, end in enumerate(ends):
+        if end.near:
+            terminal = next(t for t in type_of(end.placed.item).terminals if t.name == end.terminal)
+            outputs[k] = layout.slots["y", f"{end.placed.path}.{terminal.i}"]
+    closed = np.ones((len(ends), max([len(end.placed.positions) for end in ends] or [1])), dtype=np.int64)
+    for k, end in enumerate(ends):
+        closed[k, : len(end.opens)] = ~np.array(end.opens)
+    variants = [end.placed.variant for end in ends]
+    return {
+        "line_in": _integers(places("in_1") + places("in_2"), 2, len(ends)),
+        "line_out": _integers(places("out_1") + places("out_2"), 2, len(ends)),
+        "line_wave": _integers(places("wave")),
+        "line_port": _integers(line_port),
+        "line_select": _integers(layout.place(v, "stub line") if v else ZERO for v in variants),
+        "line_closed": closed,
+        "line_state": _integers(kept),
+        "line_current": _integers(outputs),
+        "line_sense": np.array([end.senses for end in ends], dtype=float).reshape(-1, 2),
+    }
 
 
 def _integers(values: Any, *shape: int) -> np.ndarray:
     return np.array(list(values), dtype=np.int64).reshape(*(shape or (-1,)))
 
 
-def _pairs(network: Network, nodes: list[str], around: list[Placed]) -> list[tuple[int, int]]:
+def _pairs(network: Network, nodes: list[str], around: list[list[PortBinding]]) -> list[tuple[int, int]]:
     """Nodes, by their number, that an element joins, or a floating leg: it couples what meets its bridge's poles."""
     number = {name: k for k, name in enumerate(nodes)}
     meeting: list[list[int]] = []
     at_pole: dict[str, list[int]] = {}
-    for placed in around:
-        ends = {node for binding in placed.ports.values() for node in (binding.plus, binding.minus) if node is not None}
+    for bindings in around:
+        ends = {node for binding in bindings for node in (binding.plus, binding.minus) if node is not None}
         met = sorted(number[node] for node in ends)
         meeting.append(met)
-        for binding in placed.ports.values():
+        for binding in bindings:
             if binding.coefficient:
                 at_pole.setdefault(binding.coefficient, []).extend(met)
     meeting += [[k for pole in legs.poles for k in at_pole.get(pole, [])] for legs in network.legs.values()]
@@ -140,17 +207,15 @@ class _Ports:
     def __len__(self) -> int:
         return len(self.plus)
 
-    def add(self, placed: Placed) -> None:
-        """Add the terminals of one element."""
-        kind, layout = type_of(placed.item), self.layout
-        m, first = len(kind.terminals), len(self)
-        for r, terminal in enumerate(kind.terminals):
-            binding = placed.ports[terminal.name]
+    def add(self, path: str, terminals: list[tuple[PortBinding, int, int]]) -> None:
+        """Add the terminals of one element: where each meets the nodes, places of its voltage and its current."""
+        m, first = len(terminals), len(self)
+        for r, (binding, v, i) in enumerate(terminals):
             self.plus.append(self.number[binding.plus] if binding.plus else self.n)
             self.minus.append(self.number[binding.minus] if binding.minus else self.n)
-            self.c.append(layout.place(binding.coefficient, placed.path) if binding.coefficient else ONE)
-            self.v.append(layout.slots["u", f"{placed.path}.{terminal.v}"])
-            self.i.append(layout.slots["y", f"{placed.path}.{terminal.i}"])
+            self.c.append(self.layout.place(binding.coefficient, path) if binding.coefficient else ONE)
+            self.v.append(v)
+            self.i.append(i)
             self.w.append(self.w_next + r * m)
             self.first.append(first)
             self.count.append(m)

@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from shipgrid.assembly.contacts import energy_of_contacts
-from shipgrid.assembly.layout import ZERO, Layout, lay_out
+from shipgrid.assembly.layout import ZERO, Layout, by_type, lay_out, united
 from shipgrid.assembly.network_plan import network_plan
+from shipgrid.assembly.partition import Part, Partition, divide
 from shipgrid.assembly.plausible import largest_plausible
 from shipgrid.errors import ParameterError, TopologyError
-from shipgrid.model.component import POSITION, fields_of
+from shipgrid.model.component import POSITION, fields_of, type_of
 from shipgrid.model.network import Every, Network, Placed, PublicSignal, Sampled, Waveform
-from shipgrid.model.records import names_of
+from shipgrid.model.records import names_of, size_of
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 from shipgrid.solvers.pacing import PaceWork, no_pace
 
@@ -38,6 +40,7 @@ class StepPlan(NamedTuple):
     due_start: np.ndarray  # (clocks + 1,) first entry of `due_type` of each clock
     due_type: np.ndarray  # numbers of the component types with an instance on it
     kept: np.ndarray  # places of the measured network quantities, remembered for interpolation
+    links: np.ndarray  # (n, 3) between two steps of a plant in parts: place, and the two whose difference it takes
     recorded: np.ndarray  # (signals,) places of the signals of the group `plant`, then of `slow`
     n_plant: int
     record_every: int
@@ -50,7 +53,8 @@ class StepPlan(NamedTuple):
     watched: np.ndarray
     wave_source: np.ndarray  # places of the signals kept at every step of a waveform window
     tables: np.ndarray
-    absurd: np.ndarray  # (flat vector,) magnitude of each signal beyond which the run has diverged
+    audited_from: int  # place of the first signal that this plan looks after
+    absurd: np.ndarray  # (signals looked after,) magnitude of each beyond which the run has diverged
     # energy of the states that a position of a contact puts to zero: sum of s x_a x_b
     drop_first: np.ndarray  # (switched elements,) first row of each, one row a position
     drop_row: np.ndarray
@@ -110,6 +114,13 @@ class Plan:
         Path and ledger (`losses`, `supplied`, `consumed`) of each entry of the energy audit.
     groups : dict of str to list of str
         Recorded public signals by group.
+    delay_lines : dict of str to (int, int)
+        First cell and number of cells of each delay line, by the path of its component.
+    parts : tuple of Plan
+        Of a plant that is cut: what has its components and nodes. The plan itself keeps the books then, and its
+        layout has the signals of all parts.
+    partition : Partition or None
+        How it is cut.
     """
 
     network: Network
@@ -123,7 +134,14 @@ class Plan:
     energy_items: list[tuple[str, str]]
     groups: dict[str, list[str]]
     limiter_paths: list[str]
-    delay_cells: int
+    delay_lines: dict[str, tuple[int, int]]
+    parts: tuple[Plan, ...] = ()
+    partition: Partition | None = None
+
+    @property
+    def pieces(self) -> tuple[Plan, ...]:
+        """The plans that have components and nodes: the parts, or this one."""
+        return self.parts or (self,)
 
     @property
     def record_period(self) -> dict[str, float]:
@@ -143,6 +161,17 @@ class Workspace:
     net: NetworkWork
     step: StepWork
     pace: PaceWork
+    parts: tuple[Workspace, ...] = ()
+
+    @property
+    def pieces(self) -> tuple[Workspace, ...]:
+        """Those of the plans that have components and nodes; they share the flat vector."""
+        return self.parts or (self,)
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Energy [J] of each of `Plan.energy_items`."""
+        return np.concatenate([part.step.energy for part in (*self.parts, self)])
 
     def snapshot(self) -> Workspace:
         """An independent copy."""
@@ -163,6 +192,7 @@ def assemble(
     record: float = 0.1,
     record_slow: float = 1.0,
     audit: float = BOOKKEEPING_PERIOD,
+    parts: Mapping[str, Iterable[str]] | None = None,
 ) -> Plan:
     """Turn a network into a plan.
 
@@ -176,6 +206,8 @@ def assemble(
         Sampling periods [s] of the recorder groups `plant` and `slow`.
     audit : float
         Period [s] of the bookkeeping: energy audit, limiter and event log, check for absurd values.
+    parts : mapping of str to iterable of str, optional
+        Names of buses by part: the plant is cut between them, so that each part can have a core of its own.
 
     Returns
     -------
@@ -184,42 +216,64 @@ def assemble(
     Raises
     ------
     TopologyError
-        If a name does not exist, an input is left open, or components wait for each other within a step.
+        If a name does not exist, an input is left open, components wait for each other within a step, or the plant
+        cannot be cut there.
     ParameterError
         If the step is too long for a sampled controller.
     """
     if not (isinstance(step, float | int) and math.isfinite(step) and step > 0.0):
         raise ParameterError(f"step = {step!r} is not a positive number of seconds")
-    layout = lay_out(network)
-    clocks = _Clocks(step)
-    clock_of, gathers = {}, {}
-    for t in layout.types:
-        # clocks first: a delay line's length depends on them
-        clock_of[t.kind.key] = np.array([clocks.number(p) for p in t.placed], dtype=np.int64)
-    delay_cells = _delay_lines(layout, clocks, clock_of)
-    for t in layout.types:
-        if not t.kind.linear:
-            gathers[t.kind.key] = _gather(layout, t)
-    net = network_plan(network, layout, step)
-    _own_leads(layout, net, clock_of, gathers)
-    gathers["network"] = _gather_sources(layout)
+    rates = {
+        "record_every": max(1, round(record / step)),
+        "slow_every": max(1, round(record_slow / step)),
+        "audit_every": max(1, round(audit / step)),
+    }
+    partition = divide(network, parts, step) if parts else None
+    if partition is None or len(partition.parts) < 2:
+        layout = lay_out(network)
+        return _plan(network, layout, step, rates, _books(network, layout))
+    kinds = {kind.key: kind for kind in (type_of(placed.item) for placed in network.placed.values())}
+    layouts: list[Layout] = []
+    for part in partition.parts:
+        layouts.append(lay_out(part, layouts[-1] if layouts else None, kinds.values()))
+    placed_in = list(zip(partition.parts, layouts, strict=True))
+    whole = united(placed_in, kinds.values())
+    for part, layout in placed_in:  # what a part reads of another is measured if it is measured there
+        layout.network_signals.update(
+            layout.index[path] for path in part.foreign if whole.place(path, part.name) in whole.network_signals
+        )
+    plans = tuple(_plan(part, layout, step, rates, NO_BOOKS) for part, layout in placed_in)
+    for layout in layouts:
+        whole.initial[layout.first : layout.size] = layout.initial[layout.first :]
+    empty = Network(network.name, network.fidelity)
+    books = _plan(empty, whole, step, rates, _books(network, whole))
+    return replace(
+        books,
+        network=network,
+        step=books.step._replace(links=_links(placed_in, whole)),
+        energy_items=[entry for plan in plans for entry in plan.energy_items] + books.energy_items,
+        parts=plans,
+        partition=partition,
+    )
 
-    energy_items = [
-        (placed.path, ledger)
-        for t in layout.types
-        for placed in t.placed
-        for ledger in LEDGERS
-        if ledger in t.kind.kernels
-    ]
-    drops, lost = energy_of_contacts(layout, energy_items)
-    energy_items += lost
+
+@dataclass(frozen=True)
+class Books:
+    """What is recorded and logged of a plant: fields of `StepPlan`, and the names that belong to them."""
+
+    fields: dict[str, np.ndarray]
+    groups: dict[str, list[str]]
+    limiter_paths: list[str]
+    shunts: list[tuple[str, str]]
+
+
+def _books(network: Network, layout: Layout) -> Books:
     shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
-    energy_items += [(path, ledger) for _, _, path, ledger in shunts]
     limiter_paths = [
         f"{placed.path}.{f.name}"
-        for t in layout.types
+        for t in by_type(network)
         for placed in t.placed
-        for f in (fields_of(t.kind.output) if t.ny else [])
+        for f in (fields_of(t.kind.output) if size_of(t.kind.output) else [])
         if f.signal.limiter
     ]
     groups: dict[str, list[str]] = {"plant": [], "slow": []}
@@ -230,33 +284,67 @@ def assemble(
     for wave in waved:
         for source, _ in terms_of(wave):
             layout.place(source, f"waveform {wave.name}")
+    fields = {
+        "recorded": _places(
+            layout.index[network.published[name].source] for names in groups.values() for name in names
+        ),
+        "shunt_node": _places(layout.index[node] for node, *_ in shunts),
+        "shunt_g": np.array([siemens * axis_weight(node) for node, siemens, *_ in shunts]),
+        "limiters": _places(layout.index[path] for path in limiter_paths),
+        "watched": _places(layout.place(w.source, w.owner) for w in network.watched),
+        "wave_source": np.unique(_places(layout.index[s] for w in waved for s, _ in terms_of(w))),
+    }
+    return Books(fields, groups, limiter_paths, [(path, ledger) for _, _, path, ledger in shunts])
 
-    def places(names: list[str]) -> np.ndarray:
-        return np.array([layout.index[network.published[n].source] for n in names], dtype=np.int64)
 
+def _places(values: Iterable[int]) -> np.ndarray:
+    return np.array(list(values), dtype=np.int64)
+
+
+NO_BOOKS = _books(Network(""), lay_out(Network("")))
+
+
+def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], books: Books) -> Plan:
+    """The plan of a network whose signals have their places."""
+    clocks = _Clocks(step)
+    clock_of, gathers = {}, {}
+    for t in layout.types:
+        # clocks first: a delay line's length depends on them
+        clock_of[t.kind.key] = _places(clocks.number(p) for p in t.placed)
+    delay_lines = _lay_delay_lines(layout, clocks, clock_of)
+    for t in layout.types:
+        if not t.kind.linear:
+            gathers[t.kind.key] = _gather(layout, t)
+    net = network_plan(network, layout, step)
+    _own_leads(layout, net, clock_of, gathers)
+    gathers["network"] = _gather_sources(layout)
+    energy_items = [
+        (placed.path, ledger)
+        for t in layout.types
+        for placed in t.placed
+        for ledger in LEDGERS
+        if ledger in t.kind.kernels
+    ]
+    drops, lost = energy_of_contacts(layout, energy_items, network.ends if isinstance(network, Part) else [])
+    energy_items += lost + books.shunts
     measured = [g["measured"][:, 1] for g in gathers.values() if "measured" in g]
     due = [[k for k, t in enumerate(layout.types) if c in clock_of[t.kind.key]] for c in range(len(clocks.periods))]
     plan = StepPlan(
         h=step,
-        clock_inc=np.array([c[0] for c in clocks.ratios], dtype=np.int64),
-        clock_den=np.array([c[1] for c in clocks.ratios], dtype=np.int64),
+        clock_inc=_places(c[0] for c in clocks.ratios),
+        clock_den=_places(c[1] for c in clocks.ratios),
         clock_period=np.array(clocks.periods),
         due_start=np.cumsum([0, *(len(on) for on in due)]),
-        due_type=np.array([k for on in due for k in on], dtype=np.int64),
+        due_type=_places(k for on in due for k in on),
         kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
-        recorded=places(groups["plant"] + groups["slow"]),
-        n_plant=len(groups["plant"]),
-        record_every=max(1, round(record / step)),
-        slow_every=max(1, round(record_slow / step)),
-        audit_every=max(1, round(audit / step)),
-        shunt_node=np.array([layout.index[node] for node, *_ in shunts], dtype=np.int64),
-        shunt_g=np.array([siemens * axis_weight(node) for node, siemens, *_ in shunts]),
+        links=np.zeros((0, 3), dtype=np.int64),
+        n_plant=len(books.groups["plant"]),
+        **rates,
         n_energy=len(energy_items),
-        limiters=np.array([layout.index[p] for p in limiter_paths], dtype=np.int64),
-        watched=np.array([layout.place(w.source, w.owner) for w in network.watched], dtype=np.int64),
-        wave_source=np.unique([layout.index[s] for w in waved for s, _ in terms_of(w)]).astype(np.int64),
         tables=layout.tables,
-        absurd=largest_plausible(layout),
+        audited_from=layout.first,
+        absurd=largest_plausible(layout)[layout.first :],
+        **books.fields,
         **drops,
     )
     return Plan(
@@ -269,17 +357,39 @@ def assemble(
         clock_of,
         np.array(clocks.periods),
         energy_items,
-        groups,
-        limiter_paths,
-        delay_cells,
+        books.groups,
+        books.limiter_paths,
+        delay_lines,
     )
+
+
+def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
+    """Between two steps: what parts read of each other, the waves that arrive, voltages of terminals that are cut."""
+    found = []
+    for part, layout in parts:
+        found += [(layout.index[path], whole.index[path], ZERO) for path in part.foreign]
+        for end in part.ends:
+            found += [(whole.index[f"{end.name}.in_{k}"], whole.index[f"{end.other}.out_{k}"], ZERO) for k in (1, 2)]
+            if end.near:
+                binding = end.placed.ports[end.terminal]
+                terminal = type_of(end.placed.item).terminals[end.column]
+                nodes = (whole.index[node] if node else ZERO for node in (binding.plus, binding.minus))
+                found.append((whole.slots["u", f"{end.placed.path}.{terminal.v}"], *nodes))
+    return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
 def new_workspace(plan: Plan) -> Workspace:
     """A workspace at time zero, everything at its declared initial value."""
+    sig = plan.layout.initial.copy()
+    work = _workspace(plan, sig)
+    work.parts = tuple(_workspace(part, sig) for part in plan.parts)
+    return work
+
+
+def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
+    """A workspace on a flat vector."""
     n, signals, n_plant = plan.net.n_nodes, len(plan.step.recorded), plan.step.n_plant
     states, ports, bridges = len(plan.net.state_signal), len(plan.net.port_plus), len(plan.net.bridge_port)
-    sig = plan.layout.initial.copy()
     net = NetworkWork(
         values=np.concatenate([plan.net.linear_values, np.zeros(4 * len(plan.net.machine_w) + 1)]),
         position=np.zeros(len(plan.net.element_variant), dtype=np.int64),
@@ -318,7 +428,7 @@ def new_workspace(plan: Plan) -> Workspace:
         clock_ahead=np.ones(len(plan.periods)),  # an instant at time zero: every controller starts with a sample
         previous=sig.copy(),
         lead=np.zeros(len(sig)),
-        delays=np.zeros(max(1, plan.delay_cells)),
+        delays=np.zeros(max([1, *(first + length for first, length in plan.delay_lines.values())])),
         rows=np.zeros(2, dtype=np.int64),
         plant_rows=np.zeros((4, CHUNK_ROWS, n_plant)),
         slow_rows=np.zeros((4, CHUNK_ROWS, signals - n_plant)),
@@ -378,18 +488,21 @@ class _Clocks:
         return self.ratios.index((inc, den))
 
 
-def _delay_lines(layout: Layout, clocks: _Clocks, clock_of: dict[str, np.ndarray]) -> int:
-    """Give each delay line its cells; the derived constant `line` becomes their offset."""
+def _lay_delay_lines(layout: Layout, clocks: _Clocks, clock_of: dict[str, np.ndarray]) -> dict[str, tuple[int, int]]:
+    """Give each delay line its cells, first and number by path; the derived constant `line` becomes the first."""
+    found: dict[str, tuple[int, int]] = {}
     cells = 0
     for t in layout.types:
-        if not hasattr(t.kind.cls, "delay_length"):
+        if not (t.placed and hasattr(t.kind.cls, "delay_length")):
             continue
         width = len(t.parameters) // len(t.placed)
         column = width - len(names_of(t.kind.derived)) + names_of(t.kind.derived).index("line")
         for k, placed in enumerate(t.placed):
             t.parameters[k * width + column] = cells
-            cells += placed.item.delay_length(clocks.periods[clock_of[t.kind.key][k]])
-    return cells
+            length = placed.item.delay_length(clocks.periods[clock_of[t.kind.key][k]])
+            found[placed.path] = cells, length
+            cells += length
+    return found
 
 
 def _source(layout: Layout, placed: Placed, name: str, declared: Any) -> int | float:

@@ -26,6 +26,16 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
         Its flat vector is changed in place.
     """
     sig = work.sig
+    if plan.parts:
+        for _ in range(2):
+            hand_over(plan, sig)
+            for part, own in zip(plan.parts, work.parts, strict=True):
+                settle_outputs(part, own)
+        hand_over(plan, sig)
+        for own in (*work.parts, work):
+            own.step.previous[:] = sig
+        work.step.watched_was[:] = sig[plan.step.watched]
+        return
     pairs = plan.gathers["network"]["latest"]
     for _ in range(2):
         for t in type_order(plan):
@@ -48,6 +58,26 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
         sig[pairs[:, 0]] = sig[pairs[:, 1]]
     work.step.previous[:] = sig
     work.step.watched_was[:] = sig[plan.step.watched]
+
+
+def hand_over(plan: Plan, sig: np.ndarray) -> None:
+    """Let the parts of a plant take over what they read of each other, and each stub line be at rest.
+
+    Parameters
+    ----------
+    plan : Plan
+    sig : ndarray
+        Flat vector, changed in place.
+    """
+    index, links = plan.layout.index, plan.step.links
+    for end in (end for part in plan.parts for end in part.network.ends if end.near):
+        i = end.senses[0] * sig[plan.layout.slots["x", f"{end.placed.path}.{end.state}"]]
+        plus, minus = (sig[index[node]] if node else 0.0 for node in (end.far_node.plus, end.far_node.minus))
+        a = (plus - minus) * plan.h / end.L
+        for k in (1, 2):
+            sig[index[f"{end.name}.out_{k}"]] = a + i
+            sig[index[f"{end.other}.out_{k}"]] = a - i
+    sig[links[:, 0]] = sig[links[:, 1]] - sig[links[:, 2]]
 
 
 VANISHING = 1e-6

@@ -14,7 +14,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,11 +26,12 @@ import shipgrid
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.errors import TopologyError
-from shipgrid.model.component import STAGES
+from shipgrid.model.component import STAGES, type_of
 from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, without_sign
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
-from shipgrid.solvers import bookkeeping, conduction, nodal, pacing
+from shipgrid.solvers import bookkeeping, conduction, nodal, pacing, stub_lines
+from shipgrid.solvers.crew import new_posts
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 from shipgrid.solvers.pacing import PaceWork
 
@@ -99,9 +100,31 @@ def woven_entry(plan: Plan) -> Callable[..., int]:
 
 
 def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
-    """What the entry point takes after the step numbers: a table of all arrays, then the numbers."""
-    arrays, numbers = named_values(plan, work)
-    return ArrayTable(list(arrays.values())).numbers, *numbers.values()
+    """What the entry point takes after the step numbers, for one thread that runs the whole plant."""
+    return crew_arguments(plan, work, new_posts(1), [0] * len(plan.parts), 0)
+
+
+def crew_arguments(plan: Plan, work: Workspace, posts: np.ndarray, crew: Sequence[int], worker: int) -> tuple[Any, ...]:
+    """What the entry point takes after the step numbers, for one of several threads.
+
+    For each part, and last for the plan itself, a row: where all arrays are, whole numbers, and other numbers.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+    posts : ndarray
+        Of `solvers.crew.new_posts`.
+    crew : sequence of int
+        Worker of each part.
+    worker : int
+        Which of them this one is; it has one part at least.
+    """
+    rows = [named_values(*piece) for piece in zip((*plan.parts, plan), (*work.parts, work), strict=True)]
+    table = ArrayTable([list(arrays.values()) for arrays, _ in rows])
+    whole = np.array([[n for n in numbers.values() if isinstance(n, int)] for _, numbers in rows], dtype=np.int64)
+    real = np.array([[n for n in numbers.values() if not isinstance(n, int)] for _, numbers in rows])
+    return worker, table.numbers, whole, real, np.array(crew, dtype=np.int64), posts
 
 
 def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], dict[str, float]]:
@@ -141,7 +164,7 @@ def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, An
         view("u", work.sig[t.u : t.u + count * t.nu], record_dtype(kind.input))
     if t.ny:
         view("y", work.sig[t.y : t.y + count * t.ny], record_dtype(kind.output))
-    if len(t.parameters):
+    if parameter_dtype(kind.cls).names:
         view("p", t.parameters, parameter_dtype(kind.cls))
     if kind.stamped:
         first = _first_machine(plan, t)
@@ -165,7 +188,7 @@ def _first_machine(plan: Plan, t: TypeLayout) -> int:
 
 def weave(plan: Plan) -> str:
     """Text of the woven module for a plan's set of component types."""
-    types = plan.layout.types
+    types = plan.layout.types  # all that there are, also where a part has no instance
     imports: dict[tuple[str, str], str] = {}
 
     def imported(kernel: Any, label: str) -> str:
@@ -175,7 +198,7 @@ def weave(plan: Plan) -> str:
     functions: list[str] = []
     calls: list[str] = []
     arrays, numbers = named_values(plan, new_workspace(plan))
-    places = dict(zip(arrays, ArrayTable(list(arrays.values())).places, strict=True))
+    places = dict(zip(arrays, ArrayTable([list(arrays.values())]).places, strict=True))
     views: dict[tuple[str, int], str] = {}
     ordered = type_order(plan)
 
@@ -189,48 +212,110 @@ def weave(plan: Plan) -> str:
             found.append(f"{name} = {views.setdefault(kind, f'view_{len(views)}')}(table, {places[name]})")
         return found + body
 
-    def function(name: str, body: list[str]) -> str:
+    def function(name: str, body: list[str], *given: str) -> str:
         """Add one function of the module, since small ones compile fastest. Returns its call."""
         used = set(re.findall(r"[A-Za-z_]\w*", "\n".join(body)))
-        passed = ", ".join(["table", *(name for name in ("t", *numbers) if name in used)])
+        known = numbers if given else ("t", *numbers)  # who knows the step's number finds its time
+        passed = ", ".join(["table", *given, *(name for name in known if name in used)])
         functions.extend(["", "", "@kernel", f"def {name}({passed}):", *(f"    {line}" for line in with_views(body))])
         return f"{name}({passed})"
 
+    made: dict[str, str] = {}
+
+    def solver(kernel: Any) -> str:
+        """Call of a solver kernel, which becomes a function of the module."""
+        call = _shared(kernel)
+        name = call.split("(")[0].replace(".", "_")
+        if name not in made:
+            given = ["done"] if "done" in argument_names(kernel) else []
+            made[name] = function(name, [f"return {call}"], *given)
+        return made[name]
+
     for stage in STAGES:
         if stage == "network":
-            calls += _network(types, bool(plan.network.legs), imported, function)
+            calls += _network(types, bool(plan.network.legs), imported, function, solver)
         else:
             for t in (t for t in ordered if t.kind.stage == stage):
                 call = function(f"{stage}_{t.kind.key}", _call(t, imported))
                 calls += [call] if stage == "modulate" else [f"if due[{types.index(t)}] != 0:", f"    {call}"]
     books = function("keep_books", _audit(types, imported))
-    step = [
-        "for k in range(n_steps):",
-        "    done = first_step + k + 1",
-        "    t = (done - 1) * h",
-        "    live = pacer[0].on != 0",
-        f"    if live and {_shared(pacing.begin_step)}:",
-        "        return k",
-        f"    {_shared(bookkeeping.tick_clocks)}",
-        *(f"    {line}" for line in calls),
-        f"    if {_shared(bookkeeping.record)}:",
-        f"        {books}",
-        f"        wrong = {_shared(bookkeeping.audit)}",
-        "        if wrong >= 0:",
-        "            bad = wrong",
-        "    if live:",
-        f"        {_shared(pacing.end_step)}",
-        "    if bad >= 0:",
-        "        return -(k + 1)",
-        "return n_steps",
+    step = function(
+        "step",
+        [
+            "t = (done - 1) * h",
+            "bad = -1",
+            solver(bookkeeping.tick_clocks),
+            *calls,
+            f"if {solver(bookkeeping.record)}:",
+            f"    {books}",
+            f"    wrong = {solver(bookkeeping.audit)}",
+            "    if wrong >= 0:",
+            "        bad = wrong",
+            "return bad",
+        ],
+        "done",
+    )
+    begin, end = solver(pacing.begin_step), solver(pacing.end_step)
+    exchange = solver(stub_lines.exchange)
+    whole = [name for name, value in numbers.items() if isinstance(value, int)]
+    real = [name for name in numbers if name not in whole]
+
+    def of_row(row: str) -> list[str]:
+        """Lines that find the table and the numbers of a row."""
+        return [
+            f"table = addresses[{row}]",
+            *(f"{name} = whole[{row}, {k}]" for k, name in enumerate(whole)),
+            *(f"{name} = real[{row}, {k}]" for k, name in enumerate(real)),
+        ]
+
+    parts = "worker, addresses, whole, real, crew, posts"
+    functions += [
+        *("", "", "@kernel", f"def before_step(done, {parts}):"),
+        '    """Number of the step to run, or that there is none: the leader waits for the clock, others for it."""',
+        "    if worker != 0:",
+        "        return team.released(posts, worker)",
+        *(f"    {line}" for line in of_row("addresses.shape[0] - 1")),
+        f"    if {begin}:",
+        "        return team.OVER",
+        "    if posts.shape[0] > 1:",
+        "        team.release(posts, done)",
+        "    return done",
     ]
-    entry = ["", "", "@entry_point", f"def run(n_steps, first_step, table, {', '.join(numbers)}):"]
-    entry += [f"    {line}" for line in with_views(step)]
+    entry = [
+        *("", "", "@entry_point", f"def run(n_steps, first_step, {parts}):"),
+        "    books = addresses.shape[0] - 1",
+        "    for k in range(n_steps):",
+        f"        done = before_step(first_step + k + 1, {parts})",
+        "        if done == team.OVER:",
+        "            return k",
+        "        bad = -1",
+        "        for p in range(books + 1):",
+        "            if p < books and crew[p] != worker:",
+        "                continue",
+        "            if p == books and worker != 0:",
+        "                team.arrive(posts, worker, done, bad)",
+        "                break",
+        *(f"            {line}" for line in of_row("p")),
+        "            if p == books and books > 0:",
+        "                wrong = team.gather(posts, done)",
+        "                if bad < 0:",
+        "                    bad = wrong",
+        f"                {exchange}",
+        f"            wrong = {step}",
+        "            if bad < 0:",
+        "                bad = wrong",
+        "            if p == books:",
+        f"                {end}",
+        "        if worker == 0 and bad >= 0:",
+        "            return -(k + 1)",
+        "    return n_steps",
+    ]
     return "\n".join(
         [
             '"""Woven by shipgrid: one step of a plant with these component types, kernel by kernel. Do not edit."""',
             "from shipgrid.model.kernel import array_view, entry_point, kernel",
-            "from shipgrid.solvers import bookkeeping, conduction, nodal, pacing",
+            "from shipgrid.solvers import bookkeeping, conduction, nodal, pacing, stub_lines",
+            "from shipgrid.solvers import crew as team",
             *(f"from {module} import {name} as {label}" for (module, name), label in imports.items()),
             "",
             *(f"{name} = array_view({element}, {ndim})" for (element, ndim), name in views.items()),
@@ -357,7 +442,11 @@ def _call(t: TypeLayout, imported: Callable[[Any, str], str]) -> list[str]:
 
 
 def _network(
-    types: list[TypeLayout], legs: bool, imported: Callable[[Any, str], str], function: Callable[[str, list[str]], str]
+    types: list[TypeLayout],
+    legs: bool,
+    imported: Callable[[Any, str], str],
+    function: Callable[[str, list[str]], str],
+    solver: Callable[[Any], str],
 ) -> list[str]:
     """Calls of the network stage; the machines' part of it is made with `function`, the bridges' if there are any."""
     machines = [t for t in types if t.kind.stamped]
@@ -401,47 +490,49 @@ def _network(
 
     advances = machine_function("advance", advance)
 
-    def stage(stamps: list[str]) -> list[str]:
+    def stage(stamps: list[str], waves: Any, sent: Any) -> list[str]:
         return [
-            _shared(nodal.element_history),
+            solver(waves),
+            solver(nodal.element_history),
             *stamps,
-            _shared(nodal.machine_history),
-            _shared(nodal.nodal_equations),
-            *([_shared(conduction.constrain)] if legs else []),
-            _shared(nodal.solve),
-            *([_shared(conduction.release)] if legs else []),
-            _shared(nodal.element_advance),
+            solver(nodal.machine_history),
+            solver(nodal.nodal_equations),
+            *([solver(conduction.constrain)] if legs else []),
+            solver(nodal.solve),
+            *([solver(conduction.release)] if legs else []),
+            solver(nodal.element_advance),
+            solver(sent),
             *advances,
         ]
 
     once = [
-        _shared(conduction.begin_round),
-        _shared(nodal.linear_admittance),
-        *stage(machine_function("first_stamp", first)),
-        _shared(nodal.second_stage),
-        *stage(machine_function("second_stamp", second)),
+        solver(conduction.begin_round),
+        solver(nodal.linear_admittance),
+        *stage(machine_function("first_stamp", first), stub_lines.first_waves, stub_lines.first_sent),
+        solver(nodal.second_stage),
+        *stage(machine_function("second_stamp", second), stub_lines.second_waves, stub_lines.second_sent),
     ]
     begun = [
-        _shared(bookkeeping.remember),
-        _shared(nodal.begin_step),
-        *["if moved[0] != 0:", f"    {_shared(bookkeeping.book_contacts)}"],
+        solver(bookkeeping.remember),
+        solver(nodal.begin_step),
+        *["if moved[0] != 0:", f"    {solver(bookkeeping.book_contacts)}"],
         *machine_function("begin", begin),
     ]
-    ended = [*machine_function("finish", finish), f"bad = {_shared(nodal.finish_step)}"]
+    ended = [*machine_function("finish", finish), f"bad = {solver(nodal.finish_step)}"]
     if not legs:
         return [*begun, *once, *ended]
     return [
         *begun,
-        _shared(conduction.set_legs),
+        solver(conduction.set_legs),
         "while True:",
         *(f"    {line}" for line in once),
-        f"    if {_shared(conduction.settle_legs)}:",
+        f"    if {solver(conduction.settle_legs)}:",
         "        break",
         *ended,
-        f"if {_shared(conduction.unsettled)}:",
+        f"if {solver(conduction.unsettled)}:",
         "    bad = n_nodes",
-        _shared(conduction.meter_bridges),
-        _shared(conduction.lead_samples),
+        solver(conduction.meter_bridges),
+        solver(conduction.lead_samples),
     ]
 
 
@@ -465,21 +556,21 @@ def _audit(types: list[TypeLayout], imported: Callable[[Any, str], str]) -> list
 
 def type_order(plan: Plan) -> list[TypeLayout]:
     """Types in an order in which each runs after those of its own stage whose outputs it reads."""
-    owner = {placed.path: t.kind.key for t in plan.layout.types for placed in t.placed}
     by_key = {t.kind.key: t for t in plan.layout.types}
+    placed_of = plan.network.placed
     needs: dict[str, set[str]] = {key: set() for key in by_key}
-    for t in plan.layout.types:
-        for placed in t.placed:
-            for source in placed.inputs.values():
-                if not isinstance(source, str) or isinstance(source, Delayed) or source in plan.layout.states:
-                    continue
-                parts = source.split(".")
-                key = next(
-                    (owner[".".join(parts[:k])] for k in range(len(parts) - 1, 0, -1) if ".".join(parts[:k]) in owner),
-                    None,
-                )
-                if key and key != t.kind.key and by_key[key].kind.stage == t.kind.stage:
-                    needs[t.kind.key].add(key)
+    for placed in placed_of.values():
+        kind = type_of(placed.item)
+        for source in placed.inputs.values():
+            if not isinstance(source, str) or isinstance(source, Delayed) or source in plan.layout.states:
+                continue
+            parts = source.split(".")
+            owner = next((o for k in range(len(parts) - 1, 0, -1) if (o := ".".join(parts[:k])) in placed_of), None)
+            if owner is None:
+                continue
+            key = type_of(placed_of[owner].item).key
+            if key != kind.key and by_key[key].kind.stage == kind.stage:
+                needs[kind.key].add(key)
     done: list[str] = []
     left = sorted(needs)
     while left:
@@ -498,15 +589,16 @@ def type_order(plan: Plan) -> list[TypeLayout]:
 def powers(plan: Plan, work: Workspace) -> np.ndarray:
     """Power [W] of each entry of `Plan.energy_items` at this instant."""
     found = []
-    for t in plan.layout.types:
-        ledgers = [ledger for ledger in LEDGERS if ledger in t.kind.kernels]
-        views = dict(type_views(plan, work, t)) if ledgers else {}
-        for i, placed in enumerate(t.placed):
-            for ledger in ledgers:
-                kernel = t.kind.kernels[ledger]
-                names = argument_names(kernel)
-                values = {n: plan.step.tables if n == "tables" else views[f"{t.kind.key}_{n}"][i] for n in names}
-                found.append(placed.axis_weight * float(call_uncompiled(kernel, values)))
+    for part, own in zip(plan.pieces, work.pieces, strict=True):
+        for t in part.layout.types:
+            ledgers = [ledger for ledger in LEDGERS if ledger in t.kind.kernels]
+            views = dict(type_views(part, own, t)) if ledgers else {}
+            for i, placed in enumerate(t.placed):
+                for ledger in ledgers:
+                    kernel = t.kind.kernels[ledger]
+                    names = argument_names(kernel)
+                    values = {n: part.step.tables if n == "tables" else views[f"{t.kind.key}_{n}"][i] for n in names}
+                    found.append(placed.axis_weight * float(call_uncompiled(kernel, values)))
     shunts = plan.step.shunt_g * work.sig[plan.step.shunt_node] ** 2
     return np.concatenate([found, shunts])
 
@@ -514,16 +606,17 @@ def powers(plan: Plan, work: Workspace) -> np.ndarray:
 def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
     """Energy [J] stored in each component and bus capacitance at this instant."""
     found = {}
-    for t in plan.layout.types:
-        kernel = t.kind.kernels.get("stored_energy")
-        if kernel is None:
-            continue
-        views = dict(type_views(plan, work, t))
-        key = t.kind.key
-        names = argument_names(kernel)
-        for i, placed in enumerate(t.placed):
-            values = {n: (plan.step.tables if n == "tables" else views[f"{key}_{n}"][i]) for n in names}
-            found[placed.path] = placed.axis_weight * float(call_uncompiled(kernel, values))
+    for part, own in zip(plan.pieces, work.pieces, strict=True):
+        for t in part.layout.types:
+            kernel = t.kind.kernels.get("stored_energy")
+            if kernel is None:
+                continue
+            views = dict(type_views(part, own, t))
+            key = t.kind.key
+            names = argument_names(kernel)
+            for i, placed in enumerate(t.placed):
+                values = {n: (part.step.tables if n == "tables" else views[f"{key}_{n}"][i]) for n in names}
+                found[placed.path] = placed.axis_weight * float(call_uncompiled(kernel, values))
     for node, farad in plan.network.capacitances.items():
         path = f"{node.rsplit('.', 1)[0]}.capacitance"
         energy = 0.5 * axis_weight(node) * farad * float(work.sig[plan.layout.index[node]]) ** 2

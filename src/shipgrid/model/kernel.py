@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import dis
+import platform
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -43,29 +44,37 @@ def kernel(function: Function) -> Dispatcher[Function]:
     return njit(**OPTIONS)(function)
 
 
+def inlined(function: Function) -> Dispatcher[Function]:
+    """Compile a `function` into those that call it: one of the solver, which a woven module calls in one place.
+
+    Its arrays are not passed on then, seven numbers each; a step of the ferry is a twelfth faster for it.
+    """
+    return njit(forceinline=True, **OPTIONS)(function)
+
+
 def entry_point(function: Function) -> Dispatcher[Function]:
     """Compile the `function` by which a woven module is entered; its machine code is kept on disk."""
     return njit(cache=True, nogil=True, **OPTIONS)(function)
 
 
 class ArrayTable:
-    """Addresses and shapes of arrays, one after the other, by which a compiled function finds them.
+    """Addresses and shapes of arrays, one after the other, by which a compiled function finds them; a row a part.
 
     An array as an argument is seven numbers, and they are passed on as often as functions nest: the hundreds of arrays
     of a ship took half of the compile time and an eighth of the step (docs/decisions/0002-woven-module.md).
     """
 
-    def __init__(self, arrays: Sequence[np.ndarray]) -> None:
-        if not all(a.flags.c_contiguous for a in arrays):
+    def __init__(self, rows: Sequence[Sequence[np.ndarray]]) -> None:
+        if not all(a.flags.c_contiguous for arrays in rows for a in arrays):
             raise ValueError("an array of a table must lie in one piece")
-        entries = [[a.ctypes.data, *a.shape] for a in arrays]
-        self.places = np.cumsum([0, *map(len, entries)])[:-1].tolist()
-        self.kept = arrays, np.array(list(chain(*entries)), dtype=np.int64)
+        entries = [[[a.ctypes.data, *a.shape] for a in arrays] for arrays in rows]
+        self.places = np.cumsum([0, *map(len, entries[0])])[:-1].tolist()
+        self.kept = rows, np.array([list(chain(*row)) for row in entries], dtype=np.int64)
         self.__array_interface__ = self.kept[1].__array_interface__
 
     @property
     def numbers(self) -> np.ndarray:
-        """The table itself, (entries,) of int64; it keeps alive what it names."""
+        """The table itself, (rows, entries) of int64; it keeps alive what it names."""
         return np.asarray(self)
 
 
@@ -156,14 +165,82 @@ def _fence() -> Any:
     return fence
 
 
+def _seen() -> Any:
+    """What compiled code calls as `seen(numbers, k)`: a number another thread `shows`, and all it wrote before."""
+
+    @intrinsic
+    def seen(_context: Any, numbers: Any, k: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            data = make_array(signature.args[0])(context, builder, arguments[0]).data
+            return builder.load_atomic(builder.gep(data, [arguments[1]]), "acquire", 8)
+
+        return types.int64(numbers, types.int64), build
+
+    return seen
+
+
+def _shows() -> Any:
+    """What compiled code calls as `shows(numbers, k, value)`: write a number that another thread waits for."""
+
+    @intrinsic
+    def shows(_context: Any, numbers: Any, k: Any, value: Any) -> Any:
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            data = make_array(signature.args[0])(context, builder, arguments[0]).data
+            builder.store_atomic(arguments[2], builder.gep(data, [arguments[1]]), "release", 8)
+            return context.get_dummy_value()
+
+        return types.void(numbers, types.int64, types.int64), build
+
+    return shows
+
+
+SPIN = {"x86_64": ("llvm.x86.sse2.pause",), "AMD64": ("llvm.x86.sse2.pause",), "aarch64": ("llvm.aarch64.hint", 1)}
+"""What a waiting core does to let its twin have the execution units, by machine: the compiler's name, an argument."""
+
+
+def _breathe() -> Any:
+    """What compiled code calls as `breathe(rest)` while it waits: for a moment, or, if asked, for others to run."""
+
+    @intrinsic
+    def breathe(_context: Any, rest: Any) -> Any:
+        def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            half = ir.IntType(32)
+            if sys.platform in CLOCKS:
+                with builder.if_then(builder.icmp_signed("!=", arguments[0], arguments[0].type(0))):
+                    asked = ir.FunctionType(half, [])
+                    builder.call(cgutils.get_or_insert_function(builder.module, asked, "sched_yield"), [])
+            name, *given = SPIN.get(platform.machine(), ("",))
+            if name:
+                asked = ir.FunctionType(ir.VoidType(), [half] * len(given))
+                hint = cgutils.get_or_insert_function(builder.module, asked, name)
+                builder.call(hint, [half(number) for number in given])
+            return context.get_dummy_value()
+
+        return types.void(types.int64), build
+
+    return breathe
+
+
 if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
     monotonic_ns: Any = time.monotonic_ns
 
     def fence() -> None:
         """Nothing: plain Python keeps the order."""
 
+    def seen(numbers: np.ndarray, k: int) -> int:
+        """A number that another thread `shows`."""
+        return int(numbers.flat[k])
+
+    def shows(numbers: np.ndarray, k: int, value: int) -> None:
+        """Write a number that another thread waits for."""
+        numbers.flat[k] = value
+
+    def breathe(_rest: int) -> None:
+        """Let others run."""
+        time.sleep(0.0)
+
 else:
-    monotonic_ns, fence = _clock(), _fence()
+    monotonic_ns, fence, seen, shows, breathe = _clock(), _fence(), _seen(), _shows(), _breathe()
 
 
 def _plain_view(element: np.dtype, ndim: int, table: np.ndarray, place: int) -> np.ndarray:

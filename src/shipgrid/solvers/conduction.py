@@ -42,6 +42,7 @@ import numpy as np
 
 from shipgrid.model import kernel
 from shipgrid.model.frames import PHASES, abc_to_alpha_beta
+from shipgrid.model.kernel import inlined
 from shipgrid.solvers.companion import GAMMA
 
 DRIVEN, AT_LO, AT_HI, FLOATING = 0, 1, 2, 3
@@ -133,7 +134,7 @@ def wait_for_gates(share, at_rest, per_ampere, i):
     return min(max(share * at_rest - i * per_ampere, 0.0), share)
 
 
-@kernel
+@inlined
 def set_legs(
     sig,
     h,
@@ -194,7 +195,7 @@ def set_legs(
     conduct[1] = 0
 
 
-@kernel
+@inlined
 def begin_round(
     state_signal,
     x_start,
@@ -217,7 +218,7 @@ def begin_round(
             bridge_mean[b, k] = 0.0
 
 
-@kernel
+@inlined
 def constrain(
     n_nodes,
     values,
@@ -338,7 +339,7 @@ def constrain(
                     Y[r * width + c_] -= l_0 * right[b, 0, c_] + l_1 * right[b, 1, c_]
 
 
-@kernel
+@inlined
 def release(
     sig,
     v,
@@ -412,7 +413,7 @@ def release(
             bridge_mean[b, 5] -= share * bridge_g[b] * v_dc
 
 
-@kernel
+@inlined
 def settle_legs(
     sig,
     v,
@@ -526,13 +527,13 @@ def settle_legs(
     return changed == 0 or conduct[1] >= ROUNDS
 
 
-@kernel
+@inlined
 def unsettled(conduct):
     """Whether the legs of the last step found no state that stands."""
     return conduct[1] >= ROUNDS and conduct[2] > 0
 
 
-@kernel
+@inlined
 def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, bridge_mean, conduct):
     """Publish what each bridge did in the step: switching function in force, currents, power."""
     for b in range(bridge_port.shape[0]):
@@ -552,7 +553,7 @@ def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, br
         sig[m + 4] = bridge_mean[b, 5]
 
 
-@kernel
+@inlined
 def lead_samples(
     sig,
     h,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shipgrid.model import kernel
+from shipgrid.model.kernel import inlined
 from shipgrid.solvers.companion import GAMMA, KAPPA
 
 
@@ -105,6 +105,16 @@ class NetworkPlan(NamedTuple):
     lead_bridge: np.ndarray
     lead_axis: np.ndarray
     lead_rate: np.ndarray
+    # ends of stub lines; see `solvers/stub_lines.py`
+    line_in: np.ndarray  # (2, ends) places of the waves that arrive, in each stage, and of those that leave
+    line_out: np.ndarray
+    line_wave: np.ndarray  # (ends,) place of the wave of the stage under way
+    line_port: np.ndarray  # port that stands for the line
+    line_select: np.ndarray  # place of the signal that selects the position of a contact, or of a zero
+    line_closed: np.ndarray  # (ends, positions) 1 where the contact is closed
+    line_state: np.ndarray  # (ends,) places of the state and of the output that are the current, and their sense
+    line_current: np.ndarray
+    line_sense: np.ndarray  # (ends, 2)
 
 
 class NetworkWork(NamedTuple):
@@ -146,7 +156,7 @@ class NetworkWork(NamedTuple):
     moved: np.ndarray  # (1,) 1 once a contact has moved, until the books have it
 
 
-@kernel
+@inlined
 def begin_step(
     sig,
     state_signal,
@@ -182,7 +192,7 @@ def begin_step(
                 values[slot[first + k]] = position_values[position_start[e] + wanted * n + k]
 
 
-@kernel
+@inlined
 def linear_admittance(
     sig,
     n_nodes,
@@ -214,7 +224,7 @@ def linear_admittance(
         Y_linear[term_y[k]] += term_factor[k] * coefficient[term_j[k]] * values[w + term_w[k]] * coefficient[term_k[k]]
 
 
-@kernel
+@inlined
 def second_stage(x_start, x_stage, x, n_nodes, v_stage, v_start, v, stage_share):
     """Start of the second stage: x0 + kappa (x1 - x0), for states and node voltages."""
     stage_share[0] = 0.0
@@ -225,7 +235,7 @@ def second_stage(x_start, x_stage, x, n_nodes, v_stage, v_start, v, stage_share)
         v_stage[k] = v_start[k] + KAPPA * (v[k] - v_start[k])
 
 
-@kernel
+@inlined
 def element_history(
     sig,
     x_stage,
@@ -264,7 +274,7 @@ def element_history(
         history[d_row[a]] += values[first + a] * sig[d_source[a]]
 
 
-@kernel
+@inlined
 def machine_history(machine_w, values, part_start, norton, history, machine_port):
     """Copy the machines' Norton equivalents beside the linear elements'."""
     for k in range(machine_w.shape[0]):
@@ -275,7 +285,7 @@ def machine_history(machine_w, values, part_start, norton, history, machine_port
         history[machine_port[k] + 1] = norton[k, 5]
 
 
-@kernel
+@inlined
 def nodal_equations(
     n_nodes,
     node_c_gh,
@@ -312,7 +322,7 @@ def nodal_equations(
         rhs[inject_node[k]] -= inject_factor[k] * coefficient[j] * history[j]
 
 
-@kernel
+@inlined
 def solve(
     sig,
     n_nodes,
@@ -364,7 +374,7 @@ def solve(
         sig[port_v[k]] = port_voltage[k]  # machines take theirs from the flat vector
 
 
-@kernel
+@inlined
 def element_advance(x, z, values, part_start, n_row, n_col, port_voltage):
     """State of every linear element at the stage's end."""
     first = part_start[1]
@@ -375,7 +385,7 @@ def element_advance(x, z, values, part_start, n_row, n_col, port_voltage):
         x[k] = total
 
 
-@kernel
+@inlined
 def finish_step(
     sig,
     n_nodes,

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from shipgrid.model import kernel
-from shipgrid.model.kernel import fence, monotonic_ns
+from shipgrid.model.kernel import fence, inlined, monotonic_ns
 
 BIN = 10
 """Width of a bin of the histograms [ns]."""
@@ -147,10 +147,12 @@ def instant(pacer, n):
     return p.anchor + k * p.whole + k * p.num // p.den
 
 
-@kernel
+@inlined
 def begin_step(done, sig, pacer, event_count, inbox, inbox_count, applied, applied_count):
     """Wait for the instant of step number `done` and take commands that have come; true if the loop shall return."""
     p = pacer[0]
+    if p.on == 0:
+        return False
     if p.stop != 0:
         return True
     due = instant(pacer, done - 1)
@@ -193,7 +195,7 @@ def begin_step(done, sig, pacer, event_count, inbox, inbox_count, applied, appli
     return False
 
 
-@kernel
+@inlined
 def end_step(
     done,
     sig,
@@ -214,6 +216,8 @@ def end_step(
 ):
     """Publish what step number `done` has led to, then book the time it took."""
     p = pacer[0]
+    if p.on == 0:
+        return
     if p.publish_every != 0 and done % p.publish_every == 0:
         slot = outbox_count[0] % SLOTS
         for k in range(outbox.shape[1]):

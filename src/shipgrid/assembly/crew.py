@@ -1,0 +1,94 @@
+"""A plan ready to be stepped: by one thread, or by several that share its parts."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+
+from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.weave import crew_arguments, woven_entry
+from shipgrid.solvers.crew import OVER, new_posts, release
+
+FOREVER = 2**62
+
+
+def cores() -> list[int]:
+    """Processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def shared_out(plan: Plan, workers: int) -> list[int]:
+    """Worker of each part: the heaviest first, to whom has least; the leader, who keeps the books, has least of all.
+
+    Parameters
+    ----------
+    plan : Plan
+    workers : int
+    """
+    load = [0] * workers
+    found = [0] * len(plan.parts)
+    weight = [len(part.network.placed) for part in plan.parts]
+    for part in sorted(range(len(weight)), key=lambda k: (-weight[k], k)):
+        found[part] = min(range(workers), key=lambda w: (load[w], w))
+        load[found[part]] += weight[part]
+    order = sorted(range(workers), key=lambda w: (load[w], w))
+    return [order.index(worker) for worker in found]
+
+
+class Crew:
+    """Steps a plan: `crew(steps, first_step)`, as its woven entry point does.
+
+    What is computed does not depend on the number of threads. The thread that calls leads; the others wait for it in
+    compiled code, without the interpreter lock, until the crew is left.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+    workers : int
+        Threads; no more than the plan has parts.
+    joined : callable, optional
+        Called in each of the other threads with its number before it begins.
+    """
+
+    def __init__(
+        self, plan: Plan, work: Workspace, workers: int = 1, joined: Callable[[int], object] | None = None
+    ) -> None:
+        workers = max(1, min(workers, len(plan.parts)))
+        self.entry = woven_entry(plan)
+        self.posts = new_posts(workers, crowded=workers > len(cores()))
+        self.crew = shared_out(plan, workers)
+        self.arguments = [crew_arguments(plan, work, self.posts, self.crew, worker) for worker in range(workers)]
+        self.joined = joined or (lambda worker: None)
+        self.threads: list[threading.Thread] = []
+
+    def __call__(self, steps: int, first_step: int) -> int:
+        """Run steps; how many were, negative if the last of them failed."""
+        return self.entry(steps, first_step, *self.arguments[0])
+
+    def __enter__(self) -> Crew:
+        for worker in range(1, len(self.posts)):
+            thread = threading.Thread(target=self._follow, args=[worker], name=f"shipgrid-core-{worker}", daemon=True)
+            self.threads.append(thread)
+            thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self.threads:
+            release(self.posts, OVER)
+        for thread in self.threads:
+            thread.join()
+        self.threads.clear()
+
+    def _follow(self, worker: int) -> None:
+        self.joined(worker)
+        self.entry(FOREVER, 0, *self.arguments[worker])
+
+
+def parts_of(plan: Plan, crew: Sequence[int], worker: int) -> list[str]:
+    """Names of the parts that a worker has."""
+    assert plan.partition is not None
+    return [name for name, w in zip(plan.partition.buses, crew, strict=True) if w == worker]

@@ -1,0 +1,536 @@
+"""Cuts a plant into parts that need nothing of each other within a step.
+
+The user names buses, in groups, or asks for a number of parts. Whatever joins buses of two groups is cut: in its place
+stands a stub line (`solvers/stub_lines.py`). An element can be cut at a terminal whose current is that of an
+inductance: a cable, or the grid side of a filter. Everything else goes with the buses of its item.
+
+What a part reads of another is handed over between two steps. So a sampled controller sees what it sees in the uncut
+plant; what another part's controller computes within the same step it sees a step later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from shipgrid.errors import TopologyError
+from shipgrid.model.component import type_of
+from shipgrid.model.network import Network, Placed, PortBinding
+from shipgrid.model.records import names_of
+from shipgrid.solvers.companion import StateSpace, stage_matrices, state_space
+
+SURPLUS = 0.05
+"""Largest capacitance of a line, over that of the better of its ends, at which a plant is cut without being told to."""
+
+
+@dataclass(frozen=True)
+class LineEnd:
+    """One end of a stub line, as the part it stands in has it.
+
+    Attributes
+    ----------
+    placed : Placed
+        The element that is cut.
+    terminal : str
+        Where.
+    near : bool
+        Whether this end has the rest of the element.
+    L : float
+        Inductance that becomes the line [H].
+    """
+
+    placed: Placed
+    terminal: str
+    near: bool
+    L: float
+
+    @property
+    def name(self) -> str:
+        """Path of the end's own signals."""
+        return f"{self.placed.path}.{'near' if self.near else 'far'}"
+
+    @property
+    def other(self) -> str:
+        """Path of the other end's."""
+        return f"{self.placed.path}.{'far' if self.near else 'near'}"
+
+    @property
+    def rest(self) -> list[str]:
+        """Terminals of the rest of the element."""
+        return [name for name in self.placed.ports if name != self.terminal] if self.near else []
+
+    @property
+    def at_node(self) -> bool:
+        """Whether the line begins at a node, and not behind the rest of the element."""
+        return not self.rest
+
+    @property
+    def far_node(self) -> PortBinding:
+        """Where the far end stands."""
+        binding = self.placed.ports[self.terminal]
+        return binding if len(self.placed.ports) > 1 else PortBinding(binding.minus)
+
+    @property
+    def node(self) -> PortBinding:
+        """Where the line begins, if at a node."""
+        return PortBinding(self.placed.ports[self.terminal].plus) if self.near else self.far_node
+
+    @property
+    def bindings(self) -> list[PortBinding]:
+        """Where this end meets the nodes of its part."""
+        return [self.placed.ports[name] for name in self.rest] + ([self.node] if self.at_node else [])
+
+    @property
+    def space(self) -> StateSpace:
+        """The element that is cut."""
+        return state_space(self.placed.item)
+
+    @property
+    def column(self) -> int:
+        """Number of the terminal where it is cut."""
+        return [t.name for t in type_of(self.placed.item).terminals].index(self.terminal)
+
+    @property
+    def row(self) -> int:
+        """Number of the state that is the current there."""
+        found = _behind(self.space, self.column)
+        assert found is not None
+        return found
+
+    @property
+    def state(self) -> str:
+        """Its name."""
+        return names_of(type_of(self.placed.item).state)[self.row]
+
+    @property
+    def states(self) -> list[str]:
+        """States of the rest of the element."""
+        return [name for name in names_of(type_of(self.placed.item).state) if name != self.state] if self.near else []
+
+    @property
+    def opens(self) -> list[bool]:
+        """In which positions of its contacts no current flows into the line."""
+        return [held is not None and self.state in held for held in self.placed.positions]
+
+    @property
+    def senses(self) -> tuple[float, float]:
+        """1 where that state, and where the current of that terminal, count into the line; -1 where out of it."""
+        if not self.near:
+            return 1.0, 1.0
+        through = 1.0 if len(self.placed.ports) == 1 else -1.0  # what leaves by a terminal goes into the line there
+        return through * float(np.sign(self.space.B[self.row, self.column])), through
+
+
+SIGNALS = {
+    "wave": "wave that arrives in the stage under way",
+    "in_1": "wave that arrives in the first stage",
+    "in_2": "wave that arrives in the second stage",
+    "out_1": "wave that leaves in the first stage",
+    "out_2": "wave that leaves in the second stage",
+    "v": "voltage at the end",
+    "says": "current into the end; while its contact is open what it sends",
+    "i": "current into the end",
+}
+"""Signals of an end of a stub line [A], the voltage but one [V]."""
+
+
+@dataclass
+class Part(Network):
+    """What one part of a plant has of its network.
+
+    Attributes
+    ----------
+    ends : list of LineEnd
+    foreign : list of str
+        Paths of the signals of other parts that it reads.
+    """
+
+    ends: list[LineEnd] = field(default_factory=list, init=False)
+    foreign: list[str] = field(default_factory=list, init=False)
+
+
+@dataclass(frozen=True)
+class Surplus:
+    """What a stub line has that the inductance it stands for has not.
+
+    Attributes
+    ----------
+    path : str
+        Of the element, of a three-phase one without its axis.
+    parts : (str, str)
+        Which parts it joins.
+    L, C : float
+        Inductance [H], and the capacitance that a delay of one step gives the line [F].
+    share : float
+        That capacitance over that of the better of its ends; inf where neither has any.
+    """
+
+    path: str
+    parts: tuple[str, str]
+    L: float
+    C: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Partition:
+    """A plant in parts.
+
+    Attributes
+    ----------
+    buses : dict of str to tuple of str
+        Every bus of each part, by the part's name.
+    parts : list of Part
+    lines : list of Surplus
+    """
+
+    buses: dict[str, tuple[str, ...]]
+    parts: list[Part]
+    lines: list[Surplus]
+
+
+def divide(network: Network, groups: Mapping[str, Iterable[str]], h: float) -> Partition:
+    """Cut a network between groups of its buses.
+
+    Parameters
+    ----------
+    network : Network
+    groups : mapping of str to iterable of str
+        Names of buses by the name of a part. Buses that are not named go with those they are joined to.
+    h : float
+        Step [s].
+
+    Returns
+    -------
+    Partition
+
+    Raises
+    ------
+    TopologyError
+        If a bus does not exist or is named twice, a bus that is not named lies between two parts, or an element between
+        two parts cannot be cut.
+    """
+    names = list(groups)
+    part_of = _parts_of_nodes(network, groups)
+    parts = [Part(f"{network.name}, part {name}", network.fidelity) for name in names]
+    owner: dict[str, int] = {}
+    lines: dict[str, Surplus] = {}
+    for placed in network.placed.values():
+        if not placed.ports:
+            continue
+        cut = _cut(network, placed, part_of)
+        owner[placed.path] = cut[0]
+        if len(cut) == 1:
+            continue
+        near, far, terminal = cut
+        ends = [LineEnd(placed, terminal, side, inductance(placed, terminal)) for side in (True, False)]
+        for part, end in zip((near, far), ends, strict=True):
+            parts[part].ends.append(end)
+        path = placed.path.removesuffix(".alpha").removesuffix(".beta")
+        L, C = ends[0].L, h**2 / ends[0].L
+        lines[path] = Surplus(path, (names[near], names[far]), L, C, C / max(_capacitance(network, placed), 1e-300))
+    _follow(network, part_of, owner)
+    for name, bus in network.buses.items():
+        parts[part_of[bus.nodes[0]]].buses[name] = bus
+    for part in parts:
+        nodes = {node for bus in part.buses.values() for node in bus.nodes}
+        part.capacitances.update({n: c for n, c in network.capacitances.items() if n in nodes})
+        part.conductances.update({n: g for n, g in network.conductances.items() if n in nodes})
+    for path, placed in network.placed.items():
+        parts[owner[path]].placed[path] = placed
+    for path, legs in network.legs.items():
+        parts[owner[path]].legs[path] = legs
+    _hand_out_commands(network, owner, parts)
+    for part in parts:
+        part.foreign += _foreign(network, part)
+    buses = {name: tuple(part.buses) for name, part in zip(names, parts, strict=True)}
+    return Partition(buses, parts, list(lines.values()))
+
+
+def propose(network: Network, count: int, h: float) -> dict[str, tuple[str, ...]]:
+    """Groups of buses for a number of parts, or as many as there can be: what `divide` takes.
+
+    Cut at every place where the surplus capacitance of a line is small, the plant falls into pieces; the lightest piece
+    is joined to its lightest neighbour until there are no more than asked for. A part has the name of its first bus.
+
+    Parameters
+    ----------
+    network : Network
+    count : int
+        Largest number of parts.
+    h : float
+        Step [s].
+    """
+    pieces = _Sets(node for bus in network.buses.values() for node in bus.nodes)
+    for bus in network.buses.values():
+        pieces.join(bus.nodes)
+    between: list[tuple[str, str]] = []
+    for placed in network.placed.values():
+        ends = _easy_cut(network, placed, h)
+        if ends is None:
+            pieces.join(_nodes(placed))
+        else:
+            between.append(ends)
+    bus_of = {node: name for name, bus in network.buses.items() for node in bus.nodes}
+    weight = dict.fromkeys(bus_of, 0)
+    for placed in network.placed.values():
+        for node in _nodes(placed)[:1]:
+            weight[pieces.of(node)] += 1
+    order = {node: k for k, node in enumerate(bus_of)}
+    while len({pieces.of(node) for node in bus_of}) > max(1, count):
+        pairs = {frozenset((pieces.of(a), pieces.of(b))) for a, b in between if pieces.of(a) != pieces.of(b)}
+        if not pairs:  # islands that nothing joins
+            roots = sorted({pieces.of(node) for node in bus_of}, key=lambda root: (weight[root], order[root]))
+            pairs = {frozenset(roots[:2])}
+        lightest = min(pairs, key=lambda pair: (sorted(weight[n] for n in pair), sorted(order[n] for n in pair)))
+        total = sum(weight[node] for node in lightest)
+        pieces.join(sorted(lightest, key=order.__getitem__))
+        weight[pieces.of(next(iter(lightest)))] = total
+    found: dict[str, list[str]] = {}
+    for name, bus in network.buses.items():
+        found.setdefault(pieces.of(bus.nodes[0]), []).append(name)
+    return {names[0]: tuple(names) for names in found.values()}
+
+
+def inductance(placed: Placed, terminal: str) -> float:
+    """Inductance behind a terminal of an element [H].
+
+    Raises
+    ------
+    TopologyError
+        If the current there is not that of an inductance.
+    """
+    space, kind = state_space(placed.item), type_of(placed.item)
+    found = _behind(space, [t.name for t in kind.terminals].index(terminal))
+    if found is None or (len(kind.terminals) == 1 and (len(space.A) > 1 or space.sources)):
+        raise TopologyError(
+            f"{placed.path} ({kind.name}) lies between two parts and cannot be cut: expected an element whose current "
+            f"at its terminal '{terminal}' is that of an inductance, a cable for instance"
+        )
+    return 1.0 / abs(space.B[found, [t.name for t in kind.terminals].index(terminal)])
+
+
+def end_matrices(end: LineEnd, h: float, gh: float) -> list[tuple[np.ndarray, ...]]:
+    """What `stage_matrices` gives of the element at an end of a line, in each position of its contacts."""
+    found = []
+    for position, (open_, held) in enumerate(zip(end.opens, end.placed.positions, strict=True)):
+        space = end_space(end, position, h)
+        rows = None if held is None or not end.states else tuple(end.states.index(s) for s in held if s in end.states)
+        M, N, C, D, W = stage_matrices(space, gh, rows)
+        if open_:  # also with all states held, when nothing flows, the end says what it sends
+            D[-1] = space.D[-1]
+            W[-1] = C[-1] @ N[:, : len(C)] + space.D[-1, : len(C)]
+        found.append((M, N, C, D, W))
+    return found
+
+
+def end_space(end: LineEnd, position: int, h: float) -> StateSpace:
+    """The element at an end, the line in the place of its inductance (stub-1).
+
+    Its last terminal stands for the line and meets no node: its current is that into the line, or v / Z while a contact
+    is open. Its last source is the wave that arrives.
+    """
+    space, Z, open_, column, s = (
+        state_space(end.placed.item, position),
+        end.L / h,
+        end.opens[position],
+        end.column,
+        end.row,
+    )
+    R = -space.A[s, s] * end.L if end.near else 0.0
+    y, r = (0.0, 0.0) if open_ else (1.0 / (Z + R), Z / (Z + R))
+    said = 1.0 / Z if open_ else y
+    if end.at_node:
+        D = np.array([[y, 0.0, -r], [said, 0.0, -r]])
+        return StateSpace(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((2, 0)), D, ("wave",))
+    sign = end.senses[0]
+    states = [k for k in range(len(space.A)) if k != s]
+    inputs = [k for k in range(space.B.shape[1]) if k != column]
+    others = [k for k in range(len(space.C)) if k != column]
+    drive_x, drive_u = sign * end.L * space.A[s, states], sign * end.L * space.B[s, inputs]  # voltage at the end
+    into_x, into_out = sign * space.A[np.ix_(states, [s])], sign * space.C[np.ix_(others, [s])]
+    A = space.A[np.ix_(states, states)] + into_x * y * drive_x
+    B = np.column_stack([space.B[np.ix_(states, inputs)] + into_x * y * drive_u, -into_x * r])
+    C = np.vstack([space.C[np.ix_(others, states)] + into_out * y * drive_x, said * drive_x])
+    D = np.column_stack([space.D[np.ix_(others, inputs)] + into_out * y * drive_u, -into_out * r])
+    D = np.vstack([D, np.append(said * drive_u, -r)])
+    # the voltage of the line's terminal comes after those of the others and before the sources; it drives nothing
+    B, D = (np.insert(matrix, len(others), 0.0, axis=1) for matrix in (B, D))
+    return StateSpace(A, B, C, D, (*space.sources, "wave"))
+
+
+def _behind(space: StateSpace, column: int) -> int | None:
+    """The state that is the current at a terminal, driven by its voltage; None if there is no such state."""
+    row, drive = space.C[column], space.B[:, column]
+    at = np.flatnonzero(row)
+    if len(at) != 1 or abs(row[at[0]]) != 1.0 or np.any(space.D[column]):
+        return None
+    return int(at[0]) if list(np.flatnonzero(drive)) == [at[0]] else None
+
+
+def _nodes(placed: Placed) -> list[str]:
+    """Nodes an element meets, a converter's DC node among them."""
+    ends = (node for binding in placed.ports.values() for node in (binding.plus, binding.minus))
+    return list(dict.fromkeys(node for node in ends if node is not None))
+
+
+def _capacitance(network: Network, placed: Placed) -> float:
+    """The larger capacitance at the two ends of an inductance: of its nodes, or inside the element."""
+    found = [network.capacitances.get(node, 0.0) for b in placed.ports.values() if b.coefficient is None
+             for node in (b.plus, b.minus) if node]  # fmt: skip
+    return max([*found, getattr(placed.item, "C", 0.0)])
+
+
+class _Sets:
+    """Disjoint sets of names."""
+
+    def __init__(self, names: Iterable[str]):
+        self.up = {name: name for name in names}
+
+    def of(self, name: str) -> str:
+        """Which set a name is in."""
+        while self.up[name] != name:
+            name = self.up[name]
+        return name
+
+    def join(self, names: Sequence[str]) -> None:
+        """Make one set of those that the names are in; it is called after the first."""
+        for name in names[1:]:
+            self.up[self.of(name)] = self.of(names[0])
+
+
+def _parts_of_nodes(network: Network, groups: Mapping[str, Iterable[str]]) -> dict[str, int]:
+    """Part of every node."""
+    named: dict[str, int] = {}
+    for k, (group, buses) in enumerate(groups.items()):
+        for bus in buses:
+            for node in network.bus(bus).nodes:
+                if named.setdefault(node, k) != k:
+                    raise TopologyError(f"{network.name}: bus '{bus}' is in two parts, '{group}' is the second")
+    sets = _Sets(node for bus in network.buses.values() for node in bus.nodes)
+    for bus in network.buses.values():
+        sets.join(bus.nodes)
+    for placed in network.placed.values():
+        nodes = _nodes(placed)
+        if len({named[node] for node in nodes if node in named}) < 2:
+            sets.join(nodes)
+    found: dict[str, int] = {}
+    for node, k in named.items():
+        if found.setdefault(sets.of(node), k) != k:
+            inside = [
+                name for name, bus in network.buses.items()
+                if sets.of(bus.nodes[0]) == sets.of(node) and bus.nodes[0] not in named
+            ]  # fmt: skip
+            a, b = (list(groups)[p] for p in sorted({found[sets.of(node)], k}))
+            raise TopologyError(
+                f"{network.name}: {', '.join(inside)} lies between the parts '{a}' and '{b}', expected in one of them"
+            )
+    return {node: found.get(sets.of(node), 0) for node in sets.up}
+
+
+def _cut(network: Network, placed: Placed, part_of: Mapping[str, int]) -> tuple[int] | tuple[int, int, str]:
+    """Part of an element; of one between two parts the nearer, the other, and the terminal where it is cut."""
+    kind = type_of(placed.item)
+    touched = sorted({part_of[node] for node in _nodes(placed)})
+    if len(touched) < 2:
+        return (touched[0] if touched else 0,)
+    at = {name: sorted({part_of[n] for n in (b.plus, b.minus) if n}) for name, b in placed.ports.items()}
+    if kind.linear and len(touched) == 2:
+        if len(at) == 1:
+            ((name, binding),) = placed.ports.items()
+            if binding.plus and binding.minus and binding.coefficient is None:
+                return part_of[binding.plus], part_of[binding.minus], name
+        for name, binding in placed.ports.items():
+            rest = {part for other, parts in at.items() if other != name for part in parts}
+            if binding.coefficient is None and len(rest) == 1 == len(at[name]) and rest != set(at[name]):
+                return rest.pop(), at[name][0], name
+    raise TopologyError(
+        f"{placed.path} ({kind.name}) joins {len(touched)} parts of {network.name} and cannot be cut: expected a "
+        "cable, or the grid side of a filter"
+    )
+
+
+def _easy_cut(network: Network, placed: Placed, h: float) -> tuple[str, str] | None:
+    """Two nodes between which an element can be cut at small surplus, or None."""
+    kind = type_of(placed.item)
+    nodes = _nodes(placed)
+    if not kind.linear or len(nodes) != 2 or not kind.state:
+        return None
+    part_of = {node: k for k, node in enumerate(nodes)}
+    try:
+        cut = _cut(network, placed, part_of)
+        surplus = h**2 / inductance(placed, cut[2]) if len(cut) == 3 else np.inf
+    except TopologyError:
+        return None
+    return (nodes[0], nodes[1]) if surplus <= SURPLUS * _capacitance(network, placed) else None
+
+
+def _follow(network: Network, part_of: Mapping[str, int], owner: dict[str, int]) -> None:
+    """Parts of the components that meet no node: that of their item, or of most of what they are connected with."""
+    for path, legs in network.legs.items():
+        owner[path] = owner[legs.modulator] = part_of[legs.bus.nodes[0]]
+    votes: dict[str, list[int]] = {}
+    for path, part in owner.items():
+        votes.setdefault(path.split(".")[0], []).append(part)
+    for path in network.placed:
+        if path not in owner and path.split(".")[0] in votes:
+            owner[path] = _most(votes[path.split(".")[0]])
+    left = [path for path in network.placed if path not in owner]
+    joined: dict[str, list[str]] = {path: [] for path in network.placed}
+    for path, placed in network.placed.items():
+        for source in _read(placed):
+            other = _writer(network, source)
+            if other is not None:
+                joined[path].append(other)
+                joined[other].append(path)
+    while left:
+        known = {path: [owner[o] for o in joined[path] if o in owner] for path in left}
+        first = next((path for path in left if known[path]), left[0])
+        item = first.split(".")[0]
+        members = [path for path in left if path.split(".")[0] == item]
+        part = _most([p for path in members for p in known[path]] or [0])
+        owner.update(dict.fromkeys(members, part))
+        left = [path for path in left if path not in owner]
+
+
+def _most(votes: Sequence[int]) -> int:
+    return min(set(votes), key=lambda part: (-votes.count(part), part))
+
+
+def _read(placed: Placed) -> list[str]:
+    """Paths of the signals a component reads."""
+    found = [source for source in placed.inputs.values() if isinstance(source, str)]
+    found += [binding.coefficient for binding in placed.ports.values() if binding.coefficient]
+    return [str(path) for path in (*found, *([placed.variant] if placed.variant else []))]
+
+
+def _writer(network: Network, source: str) -> str | None:
+    """The component a signal belongs to; None for commands and node voltages."""
+    words = source.split(".")
+    return next((p for k in range(len(words) - 1, 0, -1) if (p := ".".join(words[:k])) in network.placed), None)
+
+
+def _hand_out_commands(network: Network, owner: Mapping[str, int], parts: Sequence[Part]) -> None:
+    """Give each command to the part that reads it first."""
+    reader: dict[str, int] = {}
+    for path, placed in network.placed.items():
+        for source in _read(placed):
+            if source.startswith("command:"):
+                reader.setdefault(source.removeprefix("command:"), owner[path])
+    for command, value in network.commands.items():
+        parts[reader.get(command, 0)].commands[command] = value
+
+
+def _foreign(network: Network, part: Part) -> list[str]:
+    """Signals of other parts that a part's components read; and the switch of each far end's contact."""
+    own = {node for bus in part.buses.values() for node in bus.nodes} | {f"command:{c}" for c in part.commands}
+    asked = [source for placed in part.placed.values() for source in _read(placed)]
+    asked += [str(end.placed.variant) for end in part.ends if not end.near and end.placed.variant]
+    found = []
+    for source in dict.fromkeys(asked):
+        writer = _writer(network, source)
+        if source not in own and (writer is None or writer not in part.placed):
+            found.append(source)
+    return found
