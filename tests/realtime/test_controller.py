@@ -121,7 +121,7 @@ def test_the_ship_keeps_sailing_while_its_controller_is_killed_and_started_again
     results = simulate(tmp_path / "run", made_of=case(scenario=LOW), waveforms=[], live=executive)
     assert attached.wrong is None, attached.wrong
     assert results.summary["interrupted"]
-    given = [(c.path, c.value, c.origin) for c in read_outside(tmp_path / "run" / "commands.csv")]
+    given = [(c.path, c.value, c.origin) for c in read_outside(tmp_path / "run" / "commands.csv", case()[0].commands)]
     turns = [("genset_for.on", 1.0, "UDP"), ("bess_for.i_ref", -128.0, "UDP")]
     turns += [("bess_for.i_ref", 40.0, "UDP"), ("genset_for.on", 0.0, "UDP")]
     places = [len(given) - 1 - given[::-1].index(turn) for turn in turns]
