@@ -226,8 +226,9 @@ def test_commands_from_outside_are_silenced_as_before_and_keep_their_order(tmp_p
     given += [Outside(21_000, "bess_aft.i_ref", value, "UDP") for value in (3.0, 1.0, 2.0, 5.0, 4.0)]
     simulate(tmp_path / "whole", outside=given)
     simulate(out, outside=given, progress=interrupt_at(0.4))
-    simulate(out, outside=given, progress=interrupt_at(0.8), resume=True)
-    simulate(out, outside=given, resume=True)
+    killed_in_the_middle(out, 0.8, outside=given, resume=True)
+    simulate(out, progress=interrupt_at(1.1), resume=True)
+    simulate(out, resume=True)
     assert same(out, tmp_path / "whole")
     said = [text for text in recorded(out)["events/text"].tolist() if "by UDP" in text]
     assert len(said) == 3 and "after" in said[1]

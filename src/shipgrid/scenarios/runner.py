@@ -272,8 +272,8 @@ def simulate(
     live : Live, optional
         What paces the run to the wall clock; it goes as fast as it can if left out.
     outside : sequence of Outside
-        Commands that a live run was given while it ran, to be given again at the same steps. Those of an unfinished
-        live run that is continued offline are repeated without being named here.
+        Commands that a live run was given while it ran, to be given again at the same steps. What an unfinished run
+        was to be given, or if it was live had been, need not be named here when it is continued.
 
     Returns
     -------
@@ -317,6 +317,8 @@ def simulate(
             work = snapshot.restore(plan, saved["n"], arrays)
             run = Run(plan, work, [(t, who, what) for t, who, what in saved["events"]], saved["wall_s"], continued=True)
             saved["continued_at_s"].append(run.t)
+            older = saved["from"] / COMMANDS
+            outside = merged_commands(outside, read_outside(older, ship.commands) if older.is_file() else ())
             given = merged_commands(outside, _logged_commands(folder, ship, work.n if live else None))
             if found is not None:
                 found(run.t, saved["from"])
