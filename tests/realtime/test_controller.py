@@ -31,6 +31,7 @@ CONTROLLER = Path(__file__).parents[2] / "examples" / "controllers" / "power_man
 TOKEN = 0x0123_4567_89AB_CDEF
 ANYWHERE = ("127.0.0.1", 0)
 HURRY = 1000.0
+FIND_START = runner.start
 
 LOW = """\
 schema: 1
@@ -121,7 +122,7 @@ def test_the_ship_keeps_sailing_while_its_controller_is_killed_and_started_again
     results = simulate(tmp_path / "run", made_of=case(scenario=LOW), waveforms=[], live=executive)
     assert attached.wrong is None, attached.wrong
     assert results.summary["interrupted"]
-    given = [(c.path, c.value, c.origin) for c in read_outside(tmp_path / "run" / "commands.csv")]
+    given = [(c.path, c.value, c.origin) for c in read_outside(tmp_path / "run" / "commands.csv", case()[0].commands)]
     turns = [("genset_for.on", 1.0, "UDP"), ("bess_for.i_ref", -128.0, "UDP")]
     turns += [("bess_for.i_ref", 40.0, "UDP"), ("genset_for.on", 0.0, "UDP")]
     places = [len(given) - 1 - given[::-1].index(turn) for turn in turns]
@@ -189,6 +190,34 @@ def test_abuse_of_the_gateway_changes_no_bit_and_is_counted(alone, tmp_path):
     assert (found["Modbus wrong tokens"], found["Modbus writes without a token"]) == (1, 1)
     assert found["Modbus connections"] == 141
     assert "commands obeyed" not in found
+
+
+@pytest.mark.full
+def test_a_commanded_run_at_switching_fidelity_and_its_windows_are_repeated_offline(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "start", FIND_START)
+    names = list(case()[0].commands)
+
+    def act(attached):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+            one.connect(tuple(attached.gateway.listening["udp"]))
+            for sequence, (path, value) in enumerate([("bess_for.i_ref", 30.0), ("genset_for.on", 1.0)], 1):
+                attached.sail(7_000)  # 0.2 s
+                body = COMMAND.pack(names.index(path), value)
+                one.send(packet(COMMANDS, 1, sequence, TOKEN, 0, 0.0, 1, body))
+                attached.wait(lambda path=path, value=value: attached.command(path) == value)
+
+    attached = Attached(Gateway(udp=ANYWHERE, token=TOKEN), act)
+    how = {"fidelity": "switching", "step": 30e-6, "until": 0.8, "waveforms": [(0.0, 0.05), (0.15, 0.35)]}
+    simulate(tmp_path / "live", live=Executive(1.0, attached=attached), **how)
+    assert attached.wrong is None, attached.wrong
+    given = read_outside(tmp_path / "live" / "commands.csv", case()[0].commands)
+    assert [(c.path, c.value, c.origin) for c in given] == [
+        ("bess_for.i_ref", 30.0, "UDP"),
+        ("genset_for.on", 1.0, "UDP"),
+    ]
+    assert 0.15 < given[0].step * 30e-6 < 0.35  # within a window
+    simulate(tmp_path / "again", outside=given, **how)
+    assert same(tmp_path / "live", tmp_path / "again")
 
 
 def test_a_gateway_that_is_killed_hurts_nobody(alone, tmp_path):

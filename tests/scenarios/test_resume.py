@@ -22,6 +22,7 @@ from shipgrid.cli.main import app
 from shipgrid.errors import InputErrors, SolverError
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, taken_over, unfinished
+from shipgrid.scenarios.outside import Outside, read_outside
 
 FIND_START = runner.start
 GROUPS = ("plant", "slow", "waveforms/0", "waveforms/1", "events", "limiters")
@@ -216,6 +217,22 @@ def test_an_interrupted_run_stands_in_its_place_until_it_is_continued_and_done(w
     with pytest.raises(InputErrors, match="has a finished run, and no unfinished one"):
         simulate(out, resume=True)
     assert same(out, whole)
+
+
+def test_commands_from_outside_are_silenced_as_before_and_keep_their_order(tmp_path, hurried):
+    """One event a second for each of them, however often the run is continued."""
+    out = tmp_path / "out"
+    given = [Outside(k, "bess_for.i_ref", float(k % 1000) / 20.0, "UDP") for k in range(2000, 21_000, 700)]
+    given += [Outside(21_000, "bess_aft.i_ref", value, "UDP") for value in (3.0, 1.0, 2.0, 5.0, 4.0)]
+    simulate(tmp_path / "whole", outside=given)
+    simulate(out, outside=given, progress=interrupt_at(0.4))
+    killed_in_the_middle(out, 0.8, outside=given, resume=True)
+    simulate(out, progress=interrupt_at(1.1), resume=True)
+    simulate(out, resume=True)
+    assert same(out, tmp_path / "whole")
+    said = [text for text in recorded(out)["events/text"].tolist() if "by UDP" in text]
+    assert len(said) == 3 and "after" in said[1]
+    assert read_outside(out / "commands.csv", case()[0].commands) == given
 
 
 def test_the_run_that_got_furthest_is_continued_and_an_end_may_be_put_off(whole, tmp_path, hurried, monkeypatch):

@@ -102,13 +102,7 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
             windows.append((start, end))
         except (ParameterError, ValueError):
             problems.add(item.place, "waveforms", "is not a window, expected FROM:TO, such as 170 s:170.2 s")
-    given: list[Outside] = []
     file = Path(document.file).parent / text("outside", "a file of commands") if "outside" in root else None
-    if file is not None and file.is_file():  # a live run that nobody commanded has none
-        try:
-            given = read_outside(file)
-        except (OSError, ValueError) as wrong:
-            problems.add(root.entries["outside"].place, "outside", f"{file} cannot be read: {wrong}")
     changed = root.get("set")
     earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}
     problems.raise_if_any()
@@ -119,9 +113,12 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
     if not 0.0 < until <= loaded_scenario.duration:
         end = f"{loaded_scenario.duration:g} s"
         raise InputErrors([f"{root.entries['until'].place}: until: is not within the scenario, expected up to {end}"])
-    unknown = {c.path for c in given} - set(loaded_ship.commands)
-    if unknown:
-        raise InputErrors([f"{file}: the ship has no command {', '.join(sorted(unknown))}"])
+    given: list[Outside] = []
+    if file is not None and file.is_file():  # a live run that nobody commanded has none
+        try:
+            given = read_outside(file, loaded_ship.commands)
+        except OSError as wrong:
+            raise InputErrors([f"{root.entries['outside'].place}: outside: {file} cannot be read: {wrong}"]) from wrong
     overridden = {**earlier, **dict(pairs)}
     options = (fidelity, step, until, version, commit, overridden, tuple(windows), tuple(given))
     return RunFile(loaded_ship, loaded_scenario, *options)

@@ -22,10 +22,11 @@ import numpy as np
 from shipgrid.assembly.plan import Plan
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.realtime.shared import SharedArrays
+from shipgrid.scenarios.outside import in_range
 from shipgrid.solvers.pacing import SLOTS
 
-ORIGINS = ("Python", "UDP", "Modbus", "console", "the gateway")
-PYTHON, UDP, MODBUS, CONSOLE, GATEWAY = range(len(ORIGINS))
+ORIGINS = ("UDP", "Modbus", "the gateway")
+UDP, MODBUS, GATEWAY = range(len(ORIGINS))
 OBEYED, UNKNOWN, OUT_OF_RANGE, REFUSED, BUSY, NO_TOKEN = range(6)
 ANSWERS = ("obeyed", "no such command", "out of range", "refused by the interlocks", "too many at once", "no token")
 """What became of a command, by the code a controller is answered with."""
@@ -235,9 +236,7 @@ class Desk:
         command = self.commands.get(path)
         if command is None:
             return UNKNOWN
-        if not command.low <= value <= command.high:  # so is what is not a number
-            return OUT_OF_RANGE
-        return OBEYED if command.words is None or value in command.words.values() else OUT_OF_RANGE
+        return OBEYED if in_range(command, value) else OUT_OF_RANGE
 
     def _obey(
         self, asked: dict[str, float], origin: int, measured: int, owner: Controller, *, whole: bool = False

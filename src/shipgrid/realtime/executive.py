@@ -54,8 +54,8 @@ RING_WAVES, RING_WINDOWS, RING_COMMANDS, WORST = 16_384, 256, 4096, 32
 PUBLISH = 30e-6
 """Time [s] between two publications of the public signals, where somebody reads them."""
 PRIORITY = 80
-MCL_CURRENT = 1
-"""`mlockall` of what there is now: by the start of the clock everything has been touched."""
+MCL_CURRENT, LOCKED = 1, "locked"
+"""`mlockall` of what there is now: by the start of the clock everything has been touched. The word for it."""
 SWITCH = 1e-4
 """Longest time [s] that one Python thread keeps another waiting in a live run."""
 
@@ -97,7 +97,7 @@ class Executive:
     stopped: threading.Event = field(default_factory=threading.Event, init=False)
     wanted: threading.Event = field(default_factory=threading.Event, init=False)
     singles: int = field(default=0, init=False)
-    found: dict[str, Any] = field(default_factory=dict, init=False)
+    counting: threading.Lock = field(default_factory=threading.Lock, init=False)
     pace: pacing.PaceWork = field(default_factory=pacing.no_pace, init=False)
 
     def __post_init__(self) -> None:
@@ -122,12 +122,15 @@ class Executive:
         self.pace.pacer[0].stop = 1
 
     def step(self, count: int = 1) -> None:
-        """Run some steps of a plant that stands still."""
-        self.singles += count
+        """Run some steps of a plant that stands still; one that sails has no use for them."""
+        with self.counting:
+            self.singles += count if self.paused.is_set() else 0
 
     def go_on(self) -> None:
         """End a pause."""
-        self.paused.clear()
+        with self.counting:
+            self.paused.clear()
+            self.singles = 0
 
     def snapshot(self) -> None:
         """Have a snapshot written of the state before the next step, while the run goes on."""
@@ -165,15 +168,15 @@ class Executive:
             raise steps.wrong
         run.events.sort(key=lambda event: event[0])
         work.step.rows[:], work.step.event_count[0], work.step.wave_row[0] = 0, 0, -1
-        if self.stopped.is_set() and work.n < steps.last and not run.failure:
+        if work.n < steps.last and not run.failure:
             keeper.write(run)
             run.interrupted = True
             run.events.append((run.t, plan.network.name, "interrupted"))
         last_rows(run, log)
-        self.found |= monitor.figures(work.pace, plan.h, self.factor) | steps.found
-        self.found |= {"rows_lost": written["lost"], "policy": self.policy}
-        self.found["verdict"] = monitor.verdict(self.found)
-        run.realtime = self.found | {"histograms": monitor.histograms(work.pace)}
+        found = monitor.figures(work.pace, plan.h, self.factor) | steps.found
+        found |= {"rows_lost": written["lost"], "policy": self.policy}
+        found["verdict"] = monitor.verdict(found)
+        run.realtime = found | {"histograms": monitor.histograms(work.pace)}
         if written["failure"]:
             raise OSError(written["failure"])
 
@@ -207,8 +210,11 @@ class Executive:
                 if steps.is_alive():  # something went wrong here: the plant does not sail on without a crew
                     self.stop()
                     steps.join()
-                self.found |= detach()
+                steps.found |= detach()
         finally:
+            self.go_on()  # what was asked of this run is not asked of the next
+            self.stopped.clear()
+            self.wanted.clear()
             written = recording.end()
             log.catch_up()
         steps.log_events()
@@ -249,14 +255,14 @@ class Executive:
         if self.virtual_cost is not None:
             p.virtual = 1
             pace = pace._replace(virtual_cost=np.array(self.virtual_cost, np.int64))
-        columns = work.step.wave_rows.shape[1]
-        work.step.wave_rows.resize((RING_WAVES if plan.step.wave_source.size else 1, columns), refcheck=False)
-        names = ("rows", "plant_rows", "slow_rows", "wave_row", "wave_rows")
+        names = ("rows", "plant_rows", "slow_rows", "wave_row")
         step = {name: getattr(work.step, name) for name in names}
+        waves = RING_WAVES if plan.step.wave_source.size else 1
+        step["wave_rows"] = np.zeros((waves, work.step.wave_rows.shape[1]))
         if self.attached:  # whoever looks before the first step sees the plant as it starts
             pace.outbox[0], pace.outbox_step[0], pace.outbox_count[0] = work.sig, work.n, 1
         shared = SharedArrays.create(step | pace._asdict())
-        work.step = work.step._replace(**{name: shared.arrays[name] for name in names})
+        work.step = work.step._replace(**{name: shared.arrays[name] for name in step})
         work.pace = self.pace = pacing.PaceWork(**{name: shared.arrays[name] for name in pace._fields})
         return shared
 
@@ -306,6 +312,11 @@ class _Steps(threading.Thread):
             self._sail()
         except BaseException as wrong:  # the main thread raises it
             self.wrong = wrong
+        finally:
+            if (
+                self.found.get("scheduling", {}).get("memory") == LOCKED
+            ):  # that is the process', and outlives the thread
+                ctypes.CDLL(None).munlockall()
 
     def _sail(self) -> None:
         executive, run, plan, work = self.executive, self.plant, self.plant.plan, self.plant.work
@@ -320,42 +331,44 @@ class _Steps(threading.Thread):
                 break
             if executive.wanted.is_set():
                 self._copy_state()
-            if executive.paused.is_set() and executive.singles == 0:
+            standing = executive.paused.is_set()
+            if standing and executive.singles == 0:
                 spent += int(p.now) - began
-                while executive.paused.is_set() and executive.singles == 0 and not executive.stopped.is_set():
+                asked = executive.stopped, executive.wanted
+                while executive.paused.is_set() and executive.singles == 0 and not any(a.is_set() for a in asked):
                     time.sleep(1e-3)
                 began = self._anchor()  # nobody was late meanwhile
                 continue
             self.log_events()  # before the commands of this instant, as offline
-            if self.due.give():
+            given, done = self.due.give(), 0
+            stop = int(min(self.last, self.due.until(), self.waves.until(work.n)))
+            if given:
                 p.did |= pacing.VISITED
-                done = 0
                 while done == 0:  # a request waits for one step: what has been given belongs to it
                     p.stop = 0
                     done = entry(1, work.n, *values)
-                self._advanced(done)
-                continue
-            stop = int(min(self.last, self.due.until(), self.waves.until(work.n)))
-            if executive.paused.is_set():
-                stop = min(stop, work.n + executive.singles)
-            done = entry(stop - work.n, work.n, *values)
-            self._advanced(done)
+            else:
+                stop = min(stop, work.n + executive.singles) if standing else stop
+                done = entry(stop - work.n, work.n, *values)
+            self._advanced(done, standing=standing)
         spent += int(p.now) - began
         run.wall_s += 1e-9 * spent
         steps = work.n - int(p.anchor_step)
         due = int(p.anchor) + steps * int(p.whole) + steps * int(p.num) // int(p.den)
         self.found |= {
+            "from_s": first * plan.h,
             "simulated_s": (work.n - first) * plan.h,
             "wall_s": 1e-9 * spent,
             "end_after_deadline_s": 1e-9 * (int(p.now) - due),
             "involuntary_switches": resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw - before,
         }
 
-    def _advanced(self, done: int) -> None:
-        """Book steps that have been run; a negative number says that the last of them failed."""
+    def _advanced(self, done: int, *, standing: bool) -> None:
+        """Book steps that have been run, singly or not; a negative number says that the last of them failed."""
         run, plan, work = self.plant, self.plant.plan, self.plant.work
         work.n += abs(done)
-        self.executive.singles = max(0, self.executive.singles - abs(done))
+        with self.executive.counting:
+            self.executive.singles = max(0, self.executive.singles - abs(done) * standing)
         if done < 0:
             run.failure = culprit(plan, work)
             run.events.append((run.t, plan.network.name, run.failure))
@@ -454,5 +467,5 @@ def settle(core: int | None) -> dict[str, str]:
             found["priority"] = f"normal: {wrong.strerror}"
     library = ctypes.CDLL(None, use_errno=True)
     locked = library.mlockall(MCL_CURRENT) == 0
-    found["memory"] = "locked" if locked else f"not locked: {os.strerror(ctypes.get_errno())}"
+    found["memory"] = LOCKED if locked else f"not locked: {os.strerror(ctypes.get_errno())}"
     return found

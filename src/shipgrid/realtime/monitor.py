@@ -20,7 +20,11 @@ LONGEST = BINS * BIN * 1e-9
 """End of a histogram [s]: 2 ms."""
 PERCENTILES = {"p50": 0.5, "p99": 0.99, "p99.99": 0.9999}
 BEHIND = 0.01
-"""Part of its time by which a run that is in real time may be behind the clock at its end."""
+"""Part of its time by which a run that is in real time may be behind the clock at its end.
+
+Who counts by the clock finds the plant's frequencies lower by it, and 1 % is as far as its synchronisers bring two
+frequencies together (`automation/ac_tie.py`, `dw_max`): beyond that, nothing on the clock could be connected.
+"""
 NAMES = ("computation", "idle", "lateness")
 CAUSES = {
     pacing.VISITED: "commands of the scenario",
@@ -128,7 +132,12 @@ def cause(did: int, took: float, usual: float) -> str:
 
 
 def verdict(found: dict[str, Any]) -> str:
-    """One honest line about the figures of a run."""
+    """One honest line about the figures of a run, or of its last leg."""
+    since = found.get("from_s", 0.0)
+    return _verdict(found) + (f"; since {since:g} s, where the run was continued" if since > 0.0 else "")
+
+
+def _verdict(found: dict[str, Any]) -> str:
     duty, computation = found["duty"], found["computation"]
     took = f"mean computation {1e6 * computation['mean']:.2f} us of {1e6 * found['step_s'] / found['factor']:.4g} us"
     if found["steps"] == 0:

@@ -29,7 +29,7 @@ from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
 from shipgrid.automation.interlocks import Interlocks
-from shipgrid.automation.power_management import LowSocOperator, equip, operator_of
+from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios import snapshot
@@ -47,7 +47,7 @@ from shipgrid.scenarios.output_folder import (
     unfinished,
     write_text,
 )
-from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, read_outside
+from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
@@ -142,18 +142,15 @@ class Keeper:
         Of the snapshot.
     log : RowLog
         Where the run's rows go.
-    interlocks : Interlocks or None
-        They remember what is held back.
-    operator : LowSocOperator or None
-        It remembers what it does.
+    due : Timeline
+        It remembers what those who command the plant do.
     about : dict
         What does not change during the run.
     """
 
     path: Path
     log: RowLog
-    interlocks: Interlocks | None
-    operator: LowSocOperator | None
+    due: Timeline
     about: dict[str, Any]
     written: float = 0.0
 
@@ -168,12 +165,8 @@ class Keeper:
 
     def logged(self, run: Run) -> dict[str, Any]:
         """A copy of what the run and those who command it remember besides the workspace."""
-        found = {"events": list(run.events), "limiters": limiter_rows(run), "wall_s": run.wall_s}
-        if self.interlocks is not None:
-            found |= {"held": dict(self.interlocks.held), "said": dict(self.interlocks.said)}
-        if self.operator is not None:
-            found |= {"operator": dict(self.operator.state)}
-        return found
+        events = sorted(run.events, key=lambda event: event[0])  # of a live run they come as they are looked for
+        return {"events": events, "limiters": limiter_rows(run), "wall_s": run.wall_s} | self.due.remembered()
 
     def put(self, work: Workspace, logged: dict[str, Any], rows: dict[str, int]) -> None:
         """Write a snapshot whose rows are on the disk."""
@@ -279,7 +272,8 @@ def simulate(
     live : Live, optional
         What paces the run to the wall clock; it goes as fast as it can if left out.
     outside : sequence of Outside
-        Commands that a live run was given while it ran, to be given again at the same steps.
+        Commands that a live run was given while it ran, to be given again at the same steps. What an unfinished run
+        was to be given, or if it was live had been, need not be named here when it is continued.
 
     Returns
     -------
@@ -323,12 +317,14 @@ def simulate(
             work = snapshot.restore(plan, saved["n"], arrays)
             run = Run(plan, work, [(t, who, what) for t, who, what in saved["events"]], saved["wall_s"], continued=True)
             saved["continued_at_s"].append(run.t)
-            _forget_commands(folder.unfinished / COMMANDS, work.n)
+            older = saved["from"] / COMMANDS
+            outside = merged_commands(outside, read_outside(older, ship.commands) if older.is_file() else ())
+            given = merged_commands(outside, _logged_commands(folder, ship, work.n if live else None))
             if found is not None:
                 found(run.t, saved["from"])
         else:
             work, drift = start(plan, ship, scenario)
-            run = Run(plan, work)
+            run, given = Run(plan, work), outside
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
@@ -351,18 +347,14 @@ def simulate(
         else:
             folder.discard()
         raise
-    interlocks, operator = Interlocks(ship, plan), operator_of(scenario.rules, ship, plan)
-    if interlocks is not None:
-        interlocks.held |= saved.get("held", {})
-        interlocks.said |= saved.get("said", {})
-    if operator is not None:
-        operator.state |= saved.get("operator", {})
+    commanders = {"interlocks": Interlocks(ship, plan), "operator": operator_of(scenario.rules, ship, plan)}
     said = partial(command_text, ship)
-    commanders = {"interlocks": interlocks, "operator": operator, "outside": outside}
-    due = Timeline(plan, work, run.events, scenario.events, said, **commanders, continued=resume)
+    due = Timeline(plan, work, run.events, scenario.events, said, **commanders, outside=given, continued=resume)
+    if resume:
+        due.remember(saved)
     saved["startup_s"] += time.perf_counter() - began
     kept = {name: saved[name] for name in ("startup_s", "drift", "before", "continued_at_s")} | {"identity": whole}
-    keeper = Keeper(folder.unfinished / SNAPSHOT, log, interlocks, operator, kept)
+    keeper = Keeper(folder.unfinished / SNAPSHOT, log, due, kept)
     try:
         with log:
             if not run.continued:
@@ -438,10 +430,19 @@ def _unfinished_run(
     return folder, saved, arrays
 
 
-def _forget_commands(path: Path, n: int) -> None:
-    """Drop the commands from outside that came after a snapshot."""
-    if path.is_file():
-        write_text(path, as_lines(command for command in read_outside(path) if command.step < n))
+def _logged_commands(folder: OutputFolder, ship: Any, forget: int | None) -> list[Outside]:
+    """What an unfinished live run was given while it ran; commands from step `forget` on are dropped for ever.
+
+    Those that came after its snapshot are repeated offline. Live, whoever gave them meets the plant as it was before
+    them, and will give his own.
+    """
+    path = folder.unfinished / COMMANDS
+    if not path.is_file():
+        return []
+    found = read_outside(path, ship.commands, torn=True)
+    found = [command for command in found if forget is None or command.step < forget]
+    write_text(path, as_lines(found))
+    return found
 
 
 def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
@@ -488,7 +489,7 @@ def _conclude(
     limiters = limiter_rows(run)
     make_results(folder, place.unfinished, run.events, limiters)
     files = [path for path in (folder / COMMANDS, place.unfinished / COMMANDS) if path.is_file()]
-    given = sorted({command for path in files for command in read_outside(path)}, key=lambda command: command.step)
+    given = merged_commands(*(read_outside(path, ship.commands) for path in files))
     if given:
         write_text(folder / COMMANDS, as_lines(given))
     energy, imbalance = energy_balance(plan, work, kept["before"])

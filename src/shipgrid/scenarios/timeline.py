@@ -7,7 +7,9 @@ it gives them at the same steps.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.automation.interlocks import PERIOD, Interlocks
@@ -66,15 +68,33 @@ class Timeline:
         self.places = places or {path: plan.layout.index[f"command:{path}"] for path in plan.network.commands}
         self.every = max(1, round(PERIOD / plan.h))
         due = sorted(((round(t / plan.h), path, value) for t, path, value in commands), key=lambda e: e[0])
-        self.pending = [command for command in due if not continued or command[0] >= work.n]
-        self.outside = [command for command in outside if not continued or command.step >= work.n]
+        self.pending = deque(command for command in due if not continued or command[0] >= work.n)
+        self.outside = deque(command for command in outside if not continued or command.step >= work.n)
         self.quiet: dict[tuple[str, str], tuple[float, int]] = {}
+
+    def remembered(self) -> dict[str, Any]:
+        """A copy of what it, the interlocks and the operator have to know to go on, in lists and mappings of texts."""
+        found: dict[str, Any] = {"quiet": [[*key, *said] for key, said in self.quiet.items()]}
+        if self.interlocks is not None:
+            found |= {"held": dict(self.interlocks.held), "said": dict(self.interlocks.said)}
+        if self.operator is not None:
+            found |= {"operator": dict(self.operator.state)}
+        return found
+
+    def remember(self, found: Mapping[str, Any]) -> None:
+        """Know again what another one had `remembered`."""
+        self.quiet = {(path, origin): (last, count) for path, origin, last, count in found["quiet"]}
+        if self.interlocks is not None:
+            self.interlocks.held |= found["held"]
+            self.interlocks.said |= found["said"]
+        if self.operator is not None:
+            self.operator.state |= found["operator"]
 
     def give(self) -> bool:
         """Give what is due at this step, and look again at what is held back; true if there was anything."""
         now: dict[str, float] = {}
         while self.pending and self.pending[0][0] <= self.work.n:
-            _, path, value = self.pending.pop(0)
+            _, path, value = self.pending.popleft()
             if path in now:  # the later of two commands of one step counts, and both are in the log
                 self._log(path, self.said(path, now[path]))
             now[path] = value
@@ -84,7 +104,7 @@ class Timeline:
         looked = self.work.n % self.every == 0 and self._watches()
         given = bool(now) or looked
         while self.outside and self.outside[0].step <= self.work.n:
-            command = self.outside.pop(0)
+            command = self.outside.popleft()
             self.work.sig[self.places[command.path]] = command.value
             self.obeyed(command)
             given = True
