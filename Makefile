@@ -52,7 +52,7 @@ $(VENV)/.installed-test: $(VENV)/.installed lock/requirements-test.txt
 	touch $@
 
 test: install install-test lint
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadscope -m "not full and not realtime"
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile -m "not full and not realtime"
 
 # With the mission at 30 us, averaged in half and at switching fidelity whole (tens of minutes).
 full: install install-test lint

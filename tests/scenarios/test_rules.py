@@ -146,7 +146,7 @@ def test_what_a_rule_commands_is_in_the_log_with_its_origin_and_reason(low):
     )  # so that every run has them at the same instants
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7])
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.full), 0.7])
 def test_a_run_with_a_rule_is_continued_to_the_same_bits(low, tmp_path, monkeypatch, share):
     monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.01)
     case, out = killed_runs.case(scenario=LOW), tmp_path / "out"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.analysis.steady_state import advance, advancing, operating_point
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.scenarios.runner import build
 
@@ -96,9 +96,9 @@ def test_a_step_of_the_speed_reference_goes_as_linear_theory_says(loaded):
         work = point.workspace()
         work.sig[plan.layout.index["command:genset_for.speed_ref"]] += extra
         places = [plan.layout.index[name] for name in signals]
-        rows = [work.sig[places].copy()]
+        on, rows = advancing(plan, work), [work.sig[places].copy()]
         for _ in range(round(2.0 / H / every)):
-            advance(plan, work, every * H)
+            on(every * H)
             rows.append(work.sig[places].copy())
         runs.append(np.array(rows))
     found = runs[1] - runs[0]

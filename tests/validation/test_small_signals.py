@@ -13,7 +13,7 @@ import pytest
 
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
-from shipgrid.analysis.steady_state import advance
+from shipgrid.analysis.steady_state import advancing
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.controllers.grid_forming import GridForming
 from shipgrid.controllers.rectifier_control import RectifierControl
@@ -304,10 +304,11 @@ def difference_of_runs(plan, point, command, amount, seconds, signals, every=20)
     for extra in (0.0, amount):
         work = point.workspace()
         work.sig[plan.layout.index[f"command:{command}"]] += extra
-        rows = [work.sig[[plan.layout.index[name] for name in signals]].copy()]
+        on, places = advancing(plan, work), [plan.layout.index[name] for name in signals]
+        rows = [work.sig[places].copy()]
         while work.n * plan.h < seconds - 0.5 * plan.h:
-            advance(plan, work, every * plan.h)
-            rows.append(work.sig[[plan.layout.index[name] for name in signals]].copy())
+            on(every * plan.h)
+            rows.append(work.sig[places].copy())
         runs.append(np.array(rows))
     return plan.h * every * np.arange(len(runs[0])), runs[1] - runs[0]
 

@@ -166,6 +166,7 @@ def test_a_short_circuited_bus_discharges_and_then_freewheels_through_the_diodes
         net = Network("short circuit")
         bus = net.dc_bus("bus", 750.0)
         net.capacitance(bus, C)
+        net.add("aside", Wave(peak=PEAK, omega=OMEGA))  # the same types, and so the same module, as a rectifier
         net.add("gates", Gates())
         bridge = TwoLevelBridge()
         poles = net.bridge("bridge", bridge, bus, modulator="gates")
@@ -192,6 +193,7 @@ def test_diodes_of_a_reversed_bus_let_go_again_and_their_losses_are_booked(R):
     net = Network("fed short circuit")
     bus = net.dc_bus("bus", 750.0)
     net.capacitance(bus, 10e-3)
+    net.add("aside", Wave(peak=PEAK, omega=OMEGA))
     net.add("gates", Gates())
     poles = net.bridge("bridge", TwoLevelBridge(), bus, modulator="gates")
     net.add_three_phase("choke", SourceBranch(R=0.1, L=1e-3), ports={"ends": poles})
@@ -305,17 +307,13 @@ def one_switch(gates, duty, ohms, step):
     inputs = {"s_ref": duty, "gates": gates, **phase}
     net.add("modulator", TimeStampedLeg(), inputs=inputs, initial={"active": duty}, clock=Sampled(5e3))
     pole = net.half_bridge("leg", HalfBridge(), dc, modulator="modulator")
-    if gates == LOWER:
-        net.capacitance(dc, 1e-4)
-        net.conductance(dc, 1.0 / ohms)
-        net.add("choke", SourceBranch(R=0.25, L=0.8e-3), ports={"ends": pole}, inputs={"e": -474.0})
-        return start(net, step, dc=600.0)
-    low = net.dc_bus("low", 750.0)
-    net.capacitance(low, 1e-4)
-    net.conductance(low, 1.0 / ohms)
-    net.add("source", DcSource(v_0=750.0, R=0.01), a=dc)
+    low, fed = net.dc_bus("low", 750.0), gates == UPPER
+    net.add("source", DcSource(v_0=750.0 if fed else 474.0, R=0.01), a=dc if fed else low)
     net.add("choke", Choke(R=0.25, L=0.8e-3), a=pole, b=low)
-    return start(net, step, dc=750.0, low=400.0)
+    loaded = low if fed else dc
+    net.capacitance(loaded, 1e-4)
+    net.conductance(loaded, 1.0 / ohms)
+    return start(net, step, **({"dc": 750.0, "low": 400.0} if fed else {"dc": 600.0, "low": 474.0}))
 
 
 @pytest.mark.parametrize(("gates", "bus"), [(LOWER, "dc.v_dc"), (UPPER, "low.v_dc")])

@@ -159,47 +159,36 @@ class Torque:
     tau_0: NewtonMetre = param("torque")
 
 
-def beside_a_bus(add) -> Network:
-    """A bus at rest, which nothing of what `add` puts beside it can disturb."""
+def beside_a_bus(K: float = 8.0, tau: float = 2e3, K_p: float = 0.1) -> Network:
+    """A bus at rest, and a governor, a shaft and a regulator that cannot disturb it."""
     net = Network("quiet")
     bus = net.dc_bus("bus", V_N)
     net.capacitance(bus, 1e-3)
     net.conductance(bus, 0.05)
-    add(net)
+    net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
+    net.add("governor", Degov1(K=K), inputs={"omega": "speed.value", "omega_ref": 1.0}, clock=Every(0.5e-3))
+    net.add("motor", Torque(tau_0=tau))
+    net.add("shaft", Shaft(), inputs={"tau_e": "motor.tau"})
+    net.add("regulator", Regulator(K_p=K_p, K_i=20.0), inputs={"v": "bus.v_dc"}, clock=Sampled(5e3))
     return net
 
 
-def governor(net, K):
-    net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
-    net.add("governor", Degov1(K=K), inputs={"omega": "speed.value", "omega_ref": 1.0}, clock=Every(0.5e-3))
-
-
-def shaft(net, tau):
-    net.add("motor", Torque(tau_0=tau))
-    net.add("shaft", Shaft(), inputs={"tau_e": "motor.tau"})
-
-
-def regulator(net, K_p):
-    net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
-    net.add("regulator", Regulator(K_p=K_p, K_i=20.0), inputs={"v": "bus.v_dc"}, clock=Sampled(5e3))
-
-
 @pytest.mark.parametrize(
-    ("add", "sane", "absurd", "named", "limit"),
+    ("parameter", "absurd", "named", "limit"),
     [
-        (governor, 8.0, 8e9, "governor.z_2", 1e6),
-        (shaft, 2e3, 5e7, "shaft.omega_m", 1e3),
-        (shaft, 2e3, 1e12, "motor.tau", 1e9),
-        (regulator, 0.1, 1e9, "regulator.e", 1e6),
+        ("K", 8e9, "governor.z_2", 1e6),
+        ("tau", 5e7, "shaft.omega_m", 1e3),
+        ("tau", 1e12, "motor.tau", 1e9),
+        ("K_p", 1e9, "regulator.e", 1e6),
     ],
 )
-def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecond(add, sane, absurd, named, limit):
-    plan = assemble(beside_a_bus(lambda net: add(net, sane)), STEP)
+def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecond(parameter, absurd, named, limit):
+    plan = assemble(beside_a_bus(), STEP)
     run = Run(plan, new_workspace(plan))
     go(run, None, 0.5)
     assert not run.failure
 
-    plan = assemble(beside_a_bus(lambda net: add(net, absurd)), STEP)
+    plan = assemble(beside_a_bus(**{parameter: absurd}), STEP)
     run = Run(plan, new_workspace(plan))
     go(run, None, 0.5)
     assert run.failure.startswith(f"diverged at {run.t:.6f} s: {named}"), run.failure
@@ -214,7 +203,7 @@ def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecon
 
 
 def test_a_control_signal_that_is_no_number_is_seen_although_every_bus_is_well():
-    plan = assemble(beside_a_bus(lambda net: governor(net, 8.0)), STEP)
+    plan = assemble(beside_a_bus(), STEP)
     work = new_workspace(plan)
     work.sig[plan.layout.index["governor.a_1"]] = np.nan
     run = Run(plan, work)

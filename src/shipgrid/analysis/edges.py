@@ -204,21 +204,21 @@ def of_steps(time: ArrayLike, mean: ArrayLike, still: ArrayLike | None = None) -
     whole = ((s < FULL) | (s > 1.0 - FULL)) & ~resting
     before = np.where(whole, np.round(s), np.nan)
     after = before.copy()
-    inside = np.flatnonzero(~whole & ~resting)
-    for run in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else ():
-        first, last = int(run[0]), int(run[-1])
-        start = after[first - 1] if first > 0 else np.nan
-        end = before[last + 1] if last + 1 < len(s) else np.nan
-        turned = len(run) % 2 == 1
-        if np.isnan(start):
-            start = 1.0 - end if turned else end
-        if np.isnan(end):
-            end = 1.0 - start if turned else start
-        if np.isnan(start) or (len(run) > 1 and turned != (start != end)):
-            continue
-        before[run] = np.where(np.arange(len(run)) % 2 == 0, start, 1.0 - start)
-        after[run] = 1.0 - before[run]
-        after[last] = end
+    inside = ~whole & ~resting
+    edges = np.diff(inside.astype(int), prepend=0, append=0)
+    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1  # of each run
+    start = np.append(after, np.nan)[first - 1]
+    end = np.append(before, np.nan)[last + 1]
+    count = last - first + 1
+    turned = count % 2 == 1
+    start = np.where(np.isnan(start), np.where(turned, 1.0 - end, end), start)
+    end = np.where(np.isnan(end), np.where(turned, 1.0 - start, start), end)
+    told = ~np.isnan(start) & ((count == 1) | (turned == (start != end)))
+    rows = np.flatnonzero(inside)
+    place = rows - np.repeat(first, count)
+    before[rows] = np.where(np.repeat(told, count), np.abs(np.repeat(start, count) - place % 2), np.nan)
+    after[rows] = 1.0 - before[rows]
+    after[last] = np.where(told, end, np.nan)
     return _of_positions(t, s, before, after)
 
 

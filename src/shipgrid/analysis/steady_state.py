@@ -8,7 +8,7 @@ by complex step) and the fast rest follows by running on, until a probe run show
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,24 +28,33 @@ COMPLEX_STEP = 1e-40
 
 
 def advance(plan: Plan, work: Workspace, seconds: float) -> None:
-    """Run on by some seconds, recording nothing.
+    """Run on by some seconds, recording nothing; many short times are faster with `advancing`.
 
     Raises
     ------
     SteadyStateError
         If the run diverges.
     """
+    advancing(plan, work)(seconds)
+
+
+def advancing(plan: Plan, work: Workspace) -> Callable[[float], None]:
+    """`advance` of a plant, as a function of the seconds alone."""
     entry, values = woven_entry(plan), arguments(plan, work)
-    left = round(seconds / plan.h)
-    while left > 0:
-        n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
-        done = entry(n, work.n, *values)
-        work.n += abs(done)
-        if done < 0:
-            raise SteadyStateError(f"no operating point: the run towards it {culprit(plan, work)}")
-        work.step.rows[:] = 0
-        work.step.event_count[0] = 0
-        left -= n
+
+    def advance(seconds: float) -> None:
+        left = round(seconds / plan.h)
+        while left > 0:
+            n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
+            done = entry(n, work.n, *values)
+            work.n += abs(done)
+            if done < 0:
+                raise SteadyStateError(f"no operating point: the run towards it {culprit(plan, work)}")
+            work.step.rows[:] = 0
+            work.step.event_count[0] = 0
+            left -= n
+
+    return advance
 
 
 def continuous_newton(plan: Plan, work: Workspace) -> None:
