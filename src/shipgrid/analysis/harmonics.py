@@ -197,6 +197,8 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
     ValueError
         If there is less than one cycle.
     """
+    from scipy.signal import czt  # a second to import, and most runs never come here
+
     h = (time[-1] - time[0]) / (len(time) - 1)
     cycles = math.floor(min(time[-1] - time[0], INTERVAL) * f_1 + 1e-6)
     if cycles < 1:
@@ -210,7 +212,7 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
     weights[0], weights[-1] = 0.5, 0.5 + 0.5 * rest
     after = y[whole] + rest * (y[min(whole + 1, len(y) - 1)] - y[whole])
     count = math.floor(0.5 * T / h)
-    lines = _chirp(y[: whole + 1] * weights, count, h / T) + 0.5 * rest * after
+    lines = czt(y[: whole + 1] * weights, count, np.exp(-2j * math.pi * h / T)) + 0.5 * rest * after
     lines = 2.0 * h / T * lines
     squares = float(np.sum(weights * y[: whole + 1] ** 2) + 0.5 * rest * after**2) * h / T
     mean = float(0.5 * lines[0].real)
@@ -220,21 +222,6 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
         lines = lines / np.sinc(np.arange(count) * h / T)
         squares += 0.5 * float(np.sum(np.abs(lines[1:]) ** 2) - before)
     return Spectrum(f_1, cycles, mean, math.sqrt(max(squares, 0.0)), lines, float(time[first]))
-
-
-def _chirp(value: np.ndarray, count: int, f: float) -> np.ndarray:
-    """Sums of value[n] exp(-2 pi j f k n) for k up to `count`, by Bluestein's convolution.
-
-    SciPy's `czt` does the same, but takes longer to import than the sums of a whole report.
-    """
-    k = np.arange(max(len(value), count))
-    chirp = np.exp(-1j * math.pi * f * k * k)
-    n = _fast(len(value) + count - 1)
-    other = np.zeros(n, dtype=complex)
-    other[:count] = chirp[:count].conj()
-    other[n - len(value) + 1 :] = chirp[len(value) - 1 : 0 : -1].conj()
-    spread = np.fft.fft(value * chirp[: len(value)], n) * np.fft.fft(other)
-    return np.fft.ifft(spread)[:count] * chirp[:count]
 
 
 def _fast(n: int) -> int:
