@@ -21,20 +21,45 @@ def culprit(plan: Plan, work: Workspace) -> str:
     work : Workspace
         As the step that failed left it.
     """
-    sig, limit = work.sig, plan.step.absurd
-    if unsettled.py_func(work.net.conduct):
-        last = int(work.net.conduct[3])
-        node = plan.net.clamp_node[-1 - last] if last < 0 else plan.net.bridge_node[last]
-        bus = {int(place): name for name, place in plan.layout.index.items()}[int(plan.net.node_signal[node])]
-        what = f"the diodes across {bus}" if last < 0 else f"the legs of {list(plan.network.legs)[last]}"
-        return (
-            f"conduction at {work.n * plan.h:.6f} s: no state of {what} agrees with its current "
-            f"({bus} = {work.sig[plan.net.node_signal[node]]:.4g} V); a shorter step may find one"
-        )
-    when = f"diverged at {work.n * plan.h:.6f} s"
+    t = work.n * plan.h
+    pieces = list(zip(plan.pieces, work.pieces, strict=True))
+    found = [text for piece in pieces if (text := _unsettled(*piece, t))]
+    if found:
+        return found[0]
+    broken = [entry for piece in pieces for entry in _broken(*piece)]
+    beyond = [entry for piece in pieces for entry in _beyond(*piece)]
+    when = f"diverged at {t:.6f} s"
+    if broken:
+        first = min(range(len(broken)), key=lambda k: (broken[k][0], k))
+        return f"{when}: {broken[first][1]}" + (f"; {max(beyond)[1]}" if beyond else "")
+    if not beyond:
+        return f"{when}: no signal is absurd"
+    _, bus, limit, driven = max(beyond)
+    return f"{when}: {bus}, beyond {limit:.4g} V" + (f"; {driven}" if driven else "")
+
+
+def _unsettled(plan: Plan, work: Workspace, t: float) -> str:
+    """What no state of the legs agrees with, if there is such a bridge or bus."""
+    if not unsettled.py_func(work.net.conduct):
+        return ""
+    last = int(work.net.conduct[3])
+    node = plan.net.clamp_node[-1 - last] if last < 0 else plan.net.bridge_node[last]
+    bus = {int(place): name for name, place in plan.layout.index.items()}[int(plan.net.node_signal[node])]
+    what = f"the diodes across {bus}" if last < 0 else f"the legs of {list(plan.network.legs)[last]}"
+    return (
+        f"conduction at {t:.6f} s: no state of {what} agrees with its current "
+        f"({bus} = {work.sig[plan.net.node_signal[node]]:.4g} V); a shorter step may find one"
+    )
+
+
+def _broken(plan: Plan, work: Workspace) -> list[tuple[bool, str]]:
+    """Components with an absurd value, in the order of the stages: whether their inputs are absurd too, and which."""
+    sig, step = work.sig, plan.step
+    limit = np.full(len(sig), np.inf)
+    limit[step.audited_from : step.audited_from + len(step.absurd)] = step.absurd
     with np.errstate(invalid="ignore"):
         absurd = ~(np.abs(sig) <= limit)
-    broken = []
+    found = []
     for t in sorted(plan.layout.types, key=lambda t: STAGES.index(t.kind.stage)):
         for i, placed in enumerate(t.placed):
             own = [(t.x + i * t.nx + k, f) for k, f in enumerate(fields_of(t.kind.state))]
@@ -46,24 +71,28 @@ def culprit(plan: Plan, work: Workspace) -> str:
                 if absurd[k]
             ]
             if wrong:
-                known = not absurd[t.u + i * t.nu : t.u + (i + 1) * t.nu].any()
-                broken.append((not known, len(broken), wrong[0]))
-    net = plan.net
-    named = {place: name for name, place in plan.layout.index.items()}
+                found.append((bool(absurd[t.u + i * t.nu : t.u + (i + 1) * t.nu].any()), wrong[0]))
+    return found
+
+
+def _beyond(plan: Plan, work: Workspace) -> list[tuple[float, str, float, str]]:
+    """The bus furthest beyond its limit, if one is: how far, which, the limit, and the largest current there."""
+    net, sig = plan.net, work.sig
     if not net.n_nodes:
-        return f"{when}: {min(broken)[2] if broken else 'no signal is absurd'}"
+        return []
     volts = np.abs(sig[net.node_signal])
-    node = int(np.argmax(np.where(np.isfinite(volts), volts / net.node_limit, np.inf)))
-    bus = f"{named[net.node_signal[node]]} = {sig[net.node_signal[node]]:.4g} V"
-    beyond = not volts[node] < net.node_limit[node]
-    if broken:
-        return f"{when}: {min(broken)[2]}" + (f"; {bus}" if beyond else "")
+    far = np.where(np.isfinite(volts), volts / net.node_limit, np.inf)
+    node = int(np.argmax(far))
+    if volts[node] < net.node_limit[node]:
+        return []
+    named = {place: name for name, place in plan.layout.index.items()}
     ports = np.flatnonzero((net.port_plus == node) | (net.port_minus == node))
-    what = f"{when}: {bus}, beyond {net.node_limit[node]:.4g} V"
-    if not len(ports):
-        return what
-    worst = int(net.port_i[ports[np.argmax(np.abs(sig[net.port_i[ports]]))]])
-    return f"{what}; {named[worst]} = {sig[worst]:.4g} A"
+    driven = ""
+    if len(ports):
+        worst = int(net.port_i[ports[np.argmax(np.abs(sig[net.port_i[ports]]))]])
+        driven = f"{named[worst]} = {sig[worst]:.4g} A"
+    bus = f"{named[net.node_signal[node]]} = {sig[net.node_signal[node]]:.4g} V"
+    return [(float(far[node]), bus, float(net.node_limit[node]), driven)]
 
 
 def _shown(value: float, unit: str) -> str:

@@ -25,9 +25,10 @@ from shipgrid.analysis.class_limits import class_verdicts
 from shipgrid.analysis.divergence import culprit
 from shipgrid.analysis.requirements import FIGURES, evaluate
 from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry, woven_name
+from shipgrid.assembly.weave import stored_energy, woven_name
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
@@ -69,6 +70,7 @@ BYTES_PER_VALUE = 2 * 16
 on, and in the results made of them, before compression."""
 
 Progress = Callable[[float, float], None]
+Groups = Mapping[str, Sequence[str]]
 
 
 class Live(Protocol):
@@ -125,6 +127,8 @@ class Run:
     """What the monitor of a live run has found."""
     folder: Path | None = None
     """Where it is written."""
+    workers: int = 1
+    """Threads that share the parts of a plan that has some."""
 
     @property
     def t(self) -> float:
@@ -174,7 +178,9 @@ class Keeper:
         self.written = time.monotonic()
 
 
-def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[Any] = ()) -> Plan:
+def build(
+    ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[Any] = (), parts: Groups | None = None
+) -> Plan:
     """Network and plan of a ship at one step length.
 
     Parameters
@@ -186,11 +192,13 @@ def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[An
         Detail of the converters.
     rules : sequence of object
         Rules of power management in force.
+    parts : mapping of str to sequence of str, optional
+        Names of buses by part, where the plant is cut (`assembly/partition.py`).
     """
     network = Network(ship.name, fidelity)
     ship.build(network)
     equip(network, ship, rules)
-    return assemble(network, step)
+    return assemble(network, step, parts=parts)
 
 
 def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
@@ -210,7 +218,7 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     """
     commands = scenario.start_commands(ship)
     if scenario.start_state == "moored":
-        if plan.network.fidelity == "averaged":
+        if plan.network.fidelity == "averaged" and not plan.parts:
             return operating_point(plan, commands)
         mean = build(ship, plan.h, rules=scenario.rules)
         work, drift = operating_point(mean, commands)
@@ -239,6 +247,8 @@ def simulate(
     found: Callable[[float, Path], None] | None = None,
     live: Live | None = None,
     outside: Sequence[Outside] = (),
+    parts: Groups | None = None,
+    workers: int = 1,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
 
@@ -274,6 +284,10 @@ def simulate(
     outside : sequence of Outside
         Commands that a live run was given while it ran, to be given again at the same steps. What an unfinished run
         was to be given, or if it was live had been, need not be named here when it is continued.
+    parts : mapping of str to sequence of str, optional
+        Names of buses by part: the plant is cut between them at stub lines.
+    workers : int
+        Threads that share the parts; what is computed does not depend on how many there are.
 
     Returns
     -------
@@ -303,7 +317,7 @@ def simulate(
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     ship = scenario.ship_at_start(ship)
-    plan = build(ship, h, fidelity, scenario.rules)
+    plan = build(ship, h, fidelity, scenario.rules, parts)
     windows = merged(waveforms, h, end)
     place = Path(out or default_place(scenario, fidelity))
     whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
@@ -326,13 +340,13 @@ def simulate(
             work, drift = start(plan, ship, scenario)
             run, given = Run(plan, work), outside
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
-        run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
+        run.ship, run.rules, run.folder, run.workers = ship, scenario.rules, folder.path, workers
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, parts)
         write_text(folder.path / MARK, text)
         if outside:
             write_text(folder.path / COMMANDS, as_lines(outside))
         if planned is not None:
-            planned(time_of_a_step(plan, work) * (round(end / h) - work.n))
+            planned(time_of_a_step(plan, work, workers=workers) * (round(end / h) - work.n))
         folder.unfinished.mkdir(exist_ok=True)
         columns, periods = _recorded(plan, windows)
         if live is not None:
@@ -445,7 +459,7 @@ def _logged_commands(folder: OutputFolder, ship: Any, forget: int | None) -> lis
     return found
 
 
-def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> float:
+def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS, workers: int = 1) -> float:
     """Wall-clock time [s] of a step, by a trial on a copy.
 
     Parameters
@@ -455,14 +469,16 @@ def time_of_a_step(plan: Plan, work: Workspace, steps: int = TRIAL_STEPS) -> flo
         Where to begin; not changed.
     steps : int
         Length of the trial.
+    workers : int
+        Threads.
     """
     trial = work.snapshot()
     steps = min(steps, plan.step.record_every * (CHUNK_ROWS - 2))  # nobody empties the trial's buffers
-    entry, values = woven_entry(plan), arguments(plan, trial)
-    entry(1, trial.n, *values)  # with the compiler's work in it, where nothing has run yet
-    began = time.perf_counter()
-    entry(steps, trial.n + 1, *values)
-    return (time.perf_counter() - began) / steps
+    with Crew(plan, trial, workers) as crew:
+        crew(1, trial.n)  # with the compiler's work in it, where nothing has run yet
+        began = time.perf_counter()
+        crew(steps, trial.n + 1)
+        return (time.perf_counter() - began) / steps
 
 
 def _recorded(plan: Plan, windows: Sequence[Window]) -> tuple[dict[str, Sequence[Column]], dict[str, float]]:
@@ -553,7 +569,6 @@ def go(
         What writes snapshots, between two chunks.
     """
     plan, work = run.plan, run.work
-    entry, values = woven_entry(plan), arguments(plan, work)
     last = round(end / plan.h)
     due = due or Timeline(plan, work, run.events, ())
     most = min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1)
@@ -564,12 +579,12 @@ def go(
     if keeper is not None:
         keeper.write(run)  # so that there is something to continue at any instant
     began = time.perf_counter() - run.wall_s
-    with Interrupt() as interrupt:
+    with Interrupt() as interrupt, Crew(plan, work, run.workers) as crew:
         while work.n < last and not interrupt.asked:
             due.give()
             stop = int(min(last, work.n + chunk, due.until(), waves.until(work.n)))
             now = time.perf_counter()
-            done = entry(stop - work.n, work.n, *values)
+            done = crew(stop - work.n, work.n)
             took = time.perf_counter() - now
             work.n += abs(done)
             _flush(run, writer)
@@ -721,7 +736,7 @@ def energy_balance(
     """
     names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
     ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
-    for (path, ledger), value in zip(plan.energy_items, work.step.energy, strict=True):
+    for (path, ledger), value in zip(plan.energy_items, work.energy, strict=True):
         place = ledgers[names[ledger]]
         short = path.removesuffix(".alpha").removesuffix(".beta")
         place[short] = place.get(short, 0.0) + float(value)
@@ -784,6 +799,7 @@ def _run_yaml(
     overrides: Mapping[str, str],
     about: Mapping[str, str],
     waveforms: Sequence[tuple[float, float]],
+    parts: Groups | None,
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
@@ -795,6 +811,7 @@ def _run_yaml(
         f"version: {about['version']}",
         f"commit: {about['commit']}",
         *(["waveforms:", *(f"  - {a!r} s:{b!r} s" for a, b in waveforms)] if waveforms else []),
+        *(["parts:", *(f"  {name}: [{', '.join(buses)}]" for name, buses in parts.items())] if parts else []),
         f"outside: {COMMANDS}  # beside this file, if there were any: commands given while a live run ran",
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),

@@ -69,9 +69,11 @@ def identity(plan: Plan) -> dict[str, Any]:
             if not Path(name).is_relative_to(_home())
         },
         "elements": elements,
+        **({"parts": plan.partition.buses} if plan.partition else {}),
         "numbers": {
-            name: hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
-            for part in (plan.net._asdict(), plan.step._asdict(), {"commands": plan.layout.initial})
+            f"{piece.network.name}: {name}": hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
+            for piece in (*plan.parts, plan)
+            for part in (piece.net._asdict(), piece.step._asdict(), {"commands": piece.layout.initial})
             for name, value in part.items()
         },
     }  # fmt: skip
@@ -172,7 +174,8 @@ def copied(work: Workspace) -> Workspace:
     kept = {name: value.copy() for name, value in work.step._asdict().items() if name not in EMPTIED}
     kept["rows"][:], kept["event_count"][:], kept["wave_row"][:] = 0, 0, -1
     net = work.net._replace(**{name: value.copy() for name, value in work.net._asdict().items()})
-    return Workspace(work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace)
+    parts = tuple(copied(part) for part in work.parts)
+    return Workspace(work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace, parts)
 
 
 def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:
@@ -187,8 +190,12 @@ def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:
 
 def _arrays(work: Workspace) -> dict[str, np.ndarray]:
     """Every array of a workspace that is read again, by name."""
-    step = {f"step.{name}": value for name, value in work.step._asdict().items() if name not in EMPTIED}
-    return {"sig": work.sig, **{f"net.{name}": value for name, value in work.net._asdict().items()}, **step}
+    found = {"sig": work.sig}
+    for k, piece in enumerate((work, *work.parts)):
+        of = f"part_{k}." if k else ""
+        found |= {f"{of}net.{name}": value for name, value in piece.net._asdict().items()}
+        found |= {f"{of}step.{name}": value for name, value in piece.step._asdict().items() if name not in EMPTIED}
+    return found
 
 
 def _home() -> Path:
