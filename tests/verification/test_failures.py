@@ -85,7 +85,7 @@ ABSURD = {"K_p": 1e3, "K_i": 20.0}
 def ferry(monkeypatch):
     """The runner, given the feeder in place of the ferry's network; returns what to change its gains with."""
     gains: dict[str, float] = {}
-    monkeypatch.setattr(runner, "build", lambda ship, step, fidelity, rules: feeder(**gains))
+    monkeypatch.setattr(runner, "build", lambda ship, step, fidelity, rules, parts: feeder(**gains))
     monkeypatch.setattr(runner, "start", lambda plan, ship, scenario: (new_workspace(plan), 0.0))
     monkeypatch.setattr(runner, "Interlocks", lambda ship, plan: None)  # they know the ferry's items, not the feeder
     return gains

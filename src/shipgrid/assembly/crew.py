@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import crew_arguments, woven_entry
-from shipgrid.solvers.crew import OVER, new_posts, release
+from shipgrid.solvers.crew import LISTENING, OVER, new_posts, release
 
 FOREVER = 2**62
 
@@ -58,7 +59,7 @@ class Crew:
         self, plan: Plan, work: Workspace, workers: int = 1, joined: Callable[[int], object] | None = None
     ) -> None:
         workers = max(1, min(workers, len(plan.parts)))
-        self.entry = woven_entry(plan)
+        self.plan, self.entry = plan, woven_entry(plan)
         self.posts = new_posts(workers, crowded=workers > len(cores()))
         self.crew = shared_out(plan, workers)
         self.arguments = [crew_arguments(plan, work, self.posts, self.crew, worker) for worker in range(workers)]
@@ -74,6 +75,9 @@ class Crew:
             thread = threading.Thread(target=self._follow, args=[worker], name=f"shipgrid-core-{worker}", daemon=True)
             self.threads.append(thread)
             thread.start()
+        for worker, thread in enumerate(self.threads, start=1):
+            while thread.is_alive() and self.posts[worker, LISTENING] == 0:
+                time.sleep(1e-4)
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -83,12 +87,11 @@ class Crew:
             thread.join()
         self.threads.clear()
 
+    def parts(self, worker: int) -> list[str]:
+        """Names of the parts that a worker has."""
+        names = self.plan.partition.buses if self.plan.partition else ()
+        return [name for name, owner in zip(names, self.crew, strict=True) if owner == worker]
+
     def _follow(self, worker: int) -> None:
         self.joined(worker)
         self.entry(FOREVER, 0, *self.arguments[worker])
-
-
-def parts_of(plan: Plan, crew: Sequence[int], worker: int) -> list[str]:
-    """Names of the parts that a worker has."""
-    assert plan.partition is not None
-    return [name for name, w in zip(plan.partition.buses, crew, strict=True) if w == worker]

@@ -227,7 +227,7 @@ def weave(plan: Plan) -> str:
         call = _shared(kernel)
         name = call.split("(")[0].replace(".", "_")
         if name not in made:
-            given = ["done"] if "done" in argument_names(kernel) else []
+            given = [word for word in ("done", "posts") if word in argument_names(kernel)]
             made[name] = function(name, [f"return {call}"], *given)
         return made[name]
 
@@ -343,7 +343,7 @@ def _shared(kernel: Any) -> str:
     """Call of a solver kernel: its arguments are named after the fields they are."""
     function = getattr(kernel, "py_func", kernel)
     names = inspect.signature(function).parameters
-    unknown = set(names) - {*SHARED, "done"}
+    unknown = set(names) - {*SHARED, "done", "posts"}
     if unknown:
         raise TypeError(f"{function.__name__} asks for unknown arguments {sorted(unknown)}")
     return f"{function.__module__.rsplit('.', 1)[-1]}.{function.__name__}({', '.join(names)})"

@@ -146,7 +146,7 @@ def live(
         from shipgrid.scenarios.runner import DEFAULT_STEP
 
         gateway = _gateway({"udp": udp, "modbus": modbus}, on_loss, timeout)
-        executive = Executive(factor, overrun, _core(cores), attached=gateway and partial(_serve, gateway))
+        executive = Executive(factor, overrun, _cores(cores), attached=gateway and partial(_serve, gateway))
         if resume:
             scenario, out = _unfinished_case(scenario, out)
         case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
@@ -448,16 +448,16 @@ def _window(text: str, problems: list[str]) -> tuple[float, float] | None:
     return None
 
 
-def _core(cores: str | None) -> int | None:
+def _cores(cores: str | None) -> tuple[int, ...]:
     """The processor core that `--cores` names."""
     from shipgrid.errors import InputErrors
 
     if cores is None:
-        return None
+        return ()
     present = range(os.cpu_count() or 1)
     if not cores.isdecimal() or int(cores) not in present:
         raise InputErrors([f"--cores: '{cores}' is no core of this machine, expected one of 0 to {present[-1]}"])
-    return int(cores)
+    return (int(cores),)
 
 
 def _gateway(buses: dict[str, str | None], on_loss: str, timeout: str) -> Any:

@@ -26,8 +26,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from shipgrid.analysis.divergence import culprit
+from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
 from shipgrid.realtime import monitor
@@ -71,8 +71,9 @@ class Executive:
     policy : {"catch-up", "re-anchor"}
         After an overrun: run the steps that follow without waiting until the plan holds again, or let the plan begin
         anew, later.
-    core : int, optional
-        Processor core for the loop; any if left out.
+    cores : sequence of int
+        Processor cores for the loop, as many threads as there are that share the parts of a plant which has some; one
+        on any core if left out.
     virtual_cost : sequence of int, optional
         For tests: nanoseconds that each step takes, in turn, on a clock that does not exist.
     attached : callable, optional
@@ -89,7 +90,7 @@ class Executive:
 
     factor: float = 1.0
     policy: str = "catch-up"
-    core: int | None = None
+    cores: Sequence[int] = ()
     virtual_cost: Sequence[int] | None = None
     attached: Callable[[SharedArrays, Run], Callable[[], dict[str, Any]]] | None = None
     snapshot_every: float = 60.0
@@ -110,7 +111,11 @@ class Executive:
 
     def groups(self, plan: Plan) -> tuple[dict[str, Any], dict[str, float]]:
         """Columns and period [s] of what is recorded besides the plant."""
-        return {"realtime": monitor.columns(1)}, {"realtime": self.window(plan) * plan.h}
+        return {"realtime": monitor.columns(self.workers(plan))}, {"realtime": self.window(plan) * plan.h}
+
+    def workers(self, plan: Plan) -> int:
+        """Threads that share a plant."""
+        return max(1, min(len(self.cores), len(plan.parts)))
 
     def window(self, plan: Plan) -> int:
         """Steps of a window."""
@@ -245,6 +250,7 @@ class Executive:
             worst=WORST,
             commands=RING_COMMANDS,
             signals=len(work.sig) if self.attached else 0,
+            cores=self.workers(plan),
         )
         p = pace.pacer[0]
         period = Fraction(plan.h).limit_denominator(10**9) / Fraction(self.factor).limit_denominator(10**6) * 10**9
@@ -313,16 +319,26 @@ class _Steps(threading.Thread):
         except BaseException as wrong:  # the main thread raises it
             self.wrong = wrong
         finally:
-            if (
-                self.found.get("scheduling", {}).get("memory") == LOCKED
-            ):  # that is the process', and outlives the thread
+            if self.found.get("scheduling", {}).get("memory") == LOCKED:  # the process', it outlives the thread
                 ctypes.CDLL(None).munlockall()
 
     def _sail(self) -> None:
+        executive, plan, work = self.executive, self.plant.plan, self.plant.work
+        cores = list(executive.cores) or [None]
+        settled = {0: settle(cores[0])}
+
+        def joined(worker: int) -> None:
+            settled[worker] = settle(cores[worker])
+
+        with Crew(plan, work, executive.workers(plan), joined) as crew:
+            self.found["scheduling"] = settled[0]
+            if len(settled) > 1:
+                self.found["crew"] = [settled[w] | {"parts": crew.parts(w)} for w in sorted(settled)]
+            self._steps(crew)
+
+    def _steps(self, crew: Crew) -> None:
         executive, run, plan, work = self.executive, self.plant, self.plant.plan, self.plant.work
-        entry, values = woven_entry(plan), arguments(plan, work)
         p = work.pace.pacer[0]
-        self.found["scheduling"] = settle(executive.core)
         before = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
         first, spent, began = work.n, 0, self._anchor()
         while work.n < self.last and not run.failure:
@@ -346,10 +362,10 @@ class _Steps(threading.Thread):
                 p.did |= pacing.VISITED
                 while done == 0:  # a request waits for one step: what has been given belongs to it
                     p.stop = 0
-                    done = entry(1, work.n, *values)
+                    done = crew(1, work.n)
             else:
                 stop = min(stop, work.n + executive.singles) if standing else stop
-                done = entry(stop - work.n, work.n, *values)
+                done = crew(stop - work.n, work.n)
             self._advanced(done, standing=standing)
         spent += int(p.now) - began
         run.wall_s += 1e-9 * spent

@@ -42,9 +42,11 @@ COLUMNS = (
 )
 
 
-def columns(core: int) -> list[tuple[str, str, str]]:
-    """Name, unit and description of what is recorded of a core's time, a row a window."""
-    return [(f"realtime.core_{core}.{name}", unit, text) for name, unit, text in COLUMNS]
+def columns(cores: int) -> list[tuple[str, str, str]]:
+    """Name, unit and description of what is recorded of the cores' time, a row a window."""
+    return [
+        (f"realtime.core_{core}.{name}", unit, text) for core in range(1, cores + 1) for name, unit, text in COLUMNS
+    ]
 
 
 def percentile(histogram: np.ndarray, share: float) -> float:
@@ -79,7 +81,9 @@ def figures(pace: PaceWork, h: float, factor: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        Times in seconds: `computation`, `idle`, `lateness` by percentile; mean computation and `duty`; counts.
+        Times in seconds: `computation`, `idle`, `lateness` by percentile; mean computation and `duty`; counts. Where
+        several cores share the plant, `cores` has what each computed; the step's computation is then that of all,
+        with what they wait for each other.
     """
     p = pace.pacer[0]
     steps = max(1, int(p.steps))
@@ -91,6 +95,11 @@ def figures(pace: PaceWork, h: float, factor: float) -> dict[str, Any]:
     if worst:
         found["computation"]["worst"] = 1e-9 * int(worst[0].computation)
     found["duty"] = found["computation"]["mean"] * factor / h
+    found["cores"] = [
+        {label: percentile(histogram, share) for label, share in PERCENTILES.items()}
+        | {"mean": 1e-9 * int(computed) / steps, "duty": 1e-9 * int(computed) / steps * factor / h}
+        for histogram, computed in zip(pace.core_histogram, pace.core_computed, strict=False)
+    ]
     found |= {
         "overruns": int(p.overruns),
         "overrun_spells": int(p.spells),

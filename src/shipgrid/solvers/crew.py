@@ -16,9 +16,10 @@ from shipgrid.model import kernel
 from shipgrid.model.kernel import breathe, monotonic_ns, seen, shows
 
 DONE, WRONG, BUSY = range(3)
-"""Columns of `posts`: the last step run (of the leader: released), what failed in it, or -1, and its time [ns]."""
-CROWDED = 3
-"""Column of `posts`: 1 if the workers have to share cores."""
+"""Columns of `posts`: the last step run (of the leader: released), what failed in it, or -1, and the time it took [ns]
+(of the leader: for which it waited)."""
+CROWDED, LISTENING = 3, 4
+"""Columns of `posts`: 1 if the workers have to share cores; 1 once a worker has begun to wait for the leader."""
 WIDTH = 16
 OVER = -1
 """The step that the leader releases last."""
@@ -44,6 +45,7 @@ def release(posts, done):
 def released(posts, worker):
     """Wait for a step to run; its number, or `OVER`."""
     last = posts[worker, DONE]
+    posts[worker, LISTENING] = 1
     looks = 0
     found = seen(posts, DONE)
     while found == last:
@@ -66,6 +68,10 @@ def arrive(posts, worker, done, wrong):
 def gather(posts, done):
     """Wait until all have run step number `done`; what failed first, by worker, or -1."""
     wrong = -1
+    posts[0, BUSY] = 0
+    if posts.shape[0] == 1:
+        return wrong
+    began = monotonic_ns()
     for worker in range(1, posts.shape[0]):
         looks = 0
         while seen(posts, worker * WIDTH + DONE) != done:
@@ -73,4 +79,5 @@ def gather(posts, done):
             breathe(1 if posts[0, CROWDED] != 0 or looks > PATIENCE else 0)
         if wrong < 0:
             wrong = posts[worker, WRONG]
+    posts[0, BUSY] = monotonic_ns() - began
     return wrong

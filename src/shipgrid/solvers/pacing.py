@@ -23,6 +23,7 @@ import numpy as np
 
 from shipgrid.model import kernel
 from shipgrid.model.kernel import fence, inlined, monotonic_ns
+from shipgrid.solvers.crew import BUSY
 
 BIN = 10
 """Width of a bin of the histograms [ns]."""
@@ -32,9 +33,9 @@ MOST_COMMANDS = 8
 """Commands from outside that are taken in one step; the others wait for the next."""
 SLOTS = 16
 """Measurements that lie in the ring at a time: a reader has this many publications to copy one."""
-COMPUTATION, IDLE, LATENESS = range(3)
+COMPUTATION, IDLE, LATENESS, OVERRUNS = range(4)
 COLUMNS = 4
-"""Signals of a row about a window: computation, idle and lateness [s], overruns so far."""
+"""Signals of a core in a row about a window: computation, idle and lateness [s], overruns so far."""
 RECORDED, BOOKED, EVENT, COMMANDED, VISITED = 1, 2, 4, 8, 16
 """What a step did besides stepping, as bits: wrote a row, kept books, met an event, took a command, had a visit."""
 
@@ -84,8 +85,10 @@ class PaceWork(NamedTuple):
 
     pacer: np.ndarray  # (1,) of PACER
     pace_histogram: np.ndarray  # (3, bins) steps by computation, idle, lateness; what is beyond is in the last bin
-    pace_window: np.ndarray  # (3, COLUMNS): low, high, sum since the last row
-    pace_rows: np.ndarray  # (4, rows, COLUMNS): means, lows, highs, means
+    core_histogram: np.ndarray  # (cores, bins) steps by what each core computed, where there are several
+    core_computed: np.ndarray  # (cores,) sum of that [ns]
+    pace_window: np.ndarray  # (3, cores x COLUMNS): low, high, sum since the last row
+    pace_rows: np.ndarray  # (4, rows, cores x COLUMNS): means, lows, highs, means
     pace_count: np.ndarray  # (1,) rows so far
     pace_worst: np.ndarray  # of WORST: the longest computations
     virtual_cost: np.ndarray  # computation of each step [ns], in turn
@@ -103,7 +106,7 @@ def no_pace() -> PaceWork:
     return pace_work(bins=1, windows=1, worst=1, commands=1, signals=0)
 
 
-def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: int) -> PaceWork:
+def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: int, cores: int = 1) -> PaceWork:
     """Arrays of these sizes, the clock off.
 
     Parameters
@@ -118,14 +121,18 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: in
         That may wait, and that are remembered, at a time.
     signals : int
         Length of the flat vector, where others may read it while the run goes on; else 0.
+    cores : int
+        That share the plant.
     """
-    window = np.zeros((3, COLUMNS))
+    window = np.zeros((3, cores * COLUMNS))
     window[0], window[1] = np.inf, -np.inf
     return PaceWork(
         pacer=np.zeros(1, PACER),
         pace_histogram=np.zeros((3, bins), np.int64),
+        core_histogram=np.zeros((cores if cores > 1 else 0, bins), np.int64),
+        core_computed=np.zeros(cores, np.int64),
         pace_window=window,
-        pace_rows=np.zeros((4, windows, COLUMNS)),
+        pace_rows=np.zeros((4, windows, cores * COLUMNS)),
         pace_count=np.zeros(1, np.int64),
         pace_worst=np.zeros(worst, WORST),
         virtual_cost=np.zeros(1, np.int64),
@@ -200,7 +207,10 @@ def end_step(
     done,
     sig,
     pacer,
+    posts,
     pace_histogram,
+    core_histogram,
+    core_computed,
     pace_window,
     pace_rows,
     pace_count,
@@ -258,9 +268,14 @@ def end_step(
     count(pace_histogram, COMPUTATION, computation)
     count(pace_histogram, IDLE, idle)
     count(pace_histogram, LATENESS, late)
-    bound(pace_window, COMPUTATION, 1e-9 * computation)
-    bound(pace_window, IDLE, 1e-9 * idle)
-    bound(pace_window, LATENESS, 1e-9 * late)
+    for core in range(posts.shape[0]):
+        own = computation - posts[0, BUSY] if core == 0 else posts[core, BUSY]  # the leader has waited for the others
+        core_computed[core] += own
+        if core < core_histogram.shape[0]:
+            count(core_histogram, core, own)
+        bound(pace_window, core * COLUMNS + COMPUTATION, 1e-9 * own)
+        bound(pace_window, core * COLUMNS + IDLE, 1e-9 * (idle + computation - own))
+        bound(pace_window, core * COLUMNS + LATENESS, 1e-9 * late)
     p.in_window += 1
     if done % p.window == 0:
         row = pace_count[0] % pace_rows.shape[1]
@@ -296,9 +311,11 @@ def bound(pace_window, which, duration):
 @kernel
 def close_window(pace_window, pace_rows, row, steps, overruns):
     """Write the row of a window: means, lows, highs, and means again; and begin the next."""
-    for layer in range(4):
-        pace_rows[layer, row, 3] = overruns
-    for which in range(3):
+    for which in range(pace_window.shape[1]):
+        if which % COLUMNS == OVERRUNS:
+            for layer in range(4):
+                pace_rows[layer, row, which] = overruns
+            continue
         pace_rows[0, row, which] = pace_window[2, which] / steps
         pace_rows[1, row, which] = pace_window[0, which]
         pace_rows[2, row, which] = pace_window[1, which]
