@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from test_live_runs import ASKED, HURRY, busy, manned
 
 from scenarios.killed_runs import case, simulate
 from scenarios.test_resume import same
@@ -14,7 +15,6 @@ from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.output_folder import unfinished
 from shipgrid.scenarios.outside import COMMANDS, read_outside
-from test_live_runs import ASKED, HURRY, busy, manned
 
 PARTS = {"for": ["dc_for"], "aft": ["dc_aft"], "grid": ["ac_for", "ac_aft"]}
 UNTIL = 0.7

@@ -24,6 +24,8 @@ from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import DcBus
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
 
+SETTLE = 0.2
+"""Time [s] that a plant in parts is given to find the state its stub lines ask for: some cycles of its AC bars."""
 COMPLEX_STEP = 1e-40
 
 
@@ -216,7 +218,31 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
             was = plan.delay_lines[path][0]
             own.step.delays[first : first + length] = work.step.delays[was : was + length]
     settle_outputs(to, made)
+    if to.network.fidelity == plan.network.fidelity:  # where its samplers are, and what they remember, goes with it
+        for part, own in zip(to.pieces, made.pieces, strict=True):
+            _carry_clocks(plan, work, part, own, places)
+    if to.parts:  # the lines have begun as if nothing turned
+        counting = np.concatenate([_counting(part) for part in to.parts])
+        started = made.sig[counting].copy()
+        advance(to, made, math.ceil(SETTLE / _pattern(plan)) * _pattern(plan))
+        made.sig[counting] = started
     return fresh(to, made)
+
+
+def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace, places: list[tuple[int, int]]) -> None:
+    """Let each clock of a plan go on from where the same clock of another stands."""
+    was = list(zip(plan.step.clock_inc.tolist(), plan.step.clock_den.tolist(), strict=True))
+    for k, clock in enumerate(zip(to.step.clock_inc.tolist(), to.step.clock_den.tolist(), strict=True)):
+        for now, then in (
+            (made.step.clock_phase, work.step.clock_phase),
+            (made.step.clock_ahead, work.step.clock_ahead),
+        ):
+            now[k] = then[was.index(clock)]
+    for now, then in ((made.step.previous, work.step.previous), (made.step.lead, work.step.lead)):
+        now[[a for a, _ in places]] = then[[b for _, b in places]]
+    mirrored = [(to.layout.index[path], plan.layout.index[path]) for path in getattr(to.network, "foreign", ())]
+    for here, there in mirrored:
+        made.step.previous[here] = work.step.previous[there]
 
 
 def fresh(plan: Plan, work: Workspace) -> Workspace:

@@ -73,7 +73,7 @@ def hand_over(plan: Plan, sig: np.ndarray) -> None:
     for end in (end for part in plan.parts for end in part.network.ends if end.near):
         i = end.senses[0] * sig[plan.layout.slots["x", f"{end.placed.path}.{end.state}"]]
         plus, minus = (sig[index[node]] if node else 0.0 for node in (end.far_node.plus, end.far_node.minus))
-        a = (plus - minus) * plan.h / end.L
+        a = (plus - minus) * plan.h / end.L  # across an inductance in a plant at rest there is next to nothing
         for k in (1, 2):
             sig[index[f"{end.name}.out_{k}"]] = a + i
             sig[index[f"{end.other}.out_{k}"]] = a - i

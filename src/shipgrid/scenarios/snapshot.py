@@ -69,7 +69,7 @@ def identity(plan: Plan) -> dict[str, Any]:
             if not Path(name).is_relative_to(_home())
         },
         "elements": elements,
-        **({"parts": {name: ", ".join(buses) for name, buses in plan.partition.buses.items()}} if plan.partition else {}),
+        **({"parts": {k: ", ".join(v) for k, v in plan.partition.buses.items()}} if plan.partition else {}),
         "numbers": {
             f"{piece.network.name}: {name}": hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
             for piece in (*plan.parts, plan)
