@@ -21,7 +21,7 @@ from shipgrid.model.records import initial_of, names_of, parameter_values, size_
 
 ZERO, ONE = 0, 1
 GAP = 16
-"""Unused places between the stretches of two parts: no two cores write into one cache line."""
+"""Unused places between what two cores write: they share no cache line."""
 
 
 @dataclass
@@ -109,11 +109,14 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
         initial.append(0.0)
 
     if isinstance(network, Part):
+        initial.extend([0.0] * GAP)
         for path in network.foreign:
             index[path] = len(initial)
             initial.append(0.0)
-        for end in network.ends:
-            for name, meaning in SIGNALS.items():
+        for name, meaning in SIGNALS.items():
+            if name == "wave":  # up to here somebody else writes, between two steps
+                initial.extend([0.0] * GAP)
+            for end in network.ends:
                 index[f"{end.name}.{name}"] = len(initial)
                 unit[f"{end.name}.{name}"], description[f"{end.name}.{name}"] = "V" if name == "v" else "A", meaning
                 initial.append(0.0)

@@ -124,9 +124,9 @@ class LineEnd:
 
 
 SIGNALS = {
-    "wave": "wave that arrives in the stage under way",
     "in_1": "wave that arrives in the first stage",
     "in_2": "wave that arrives in the second stage",
+    "wave": "wave that arrives in the stage under way",
     "out_1": "wave that leaves in the first stage",
     "out_2": "wave that leaves in the second stage",
     "v": "voltage at the end",

@@ -21,6 +21,7 @@ from shipgrid.assembly.partition import Part, Partition, divide
 from shipgrid.assembly.plausible import largest_plausible
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, fields_of, type_of
+from shipgrid.model.kernel import in_one_piece
 from shipgrid.model.network import Every, Network, Placed, PublicSignal, Sampled, Waveform
 from shipgrid.model.records import names_of, size_of
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
@@ -383,6 +384,9 @@ def new_workspace(plan: Plan) -> Workspace:
     sig = plan.layout.initial.copy()
     work = _workspace(plan, sig)
     work.parts = tuple(_workspace(part, sig) for part in plan.parts)
+    for part in work.parts:  # each is written by a core of its own
+        part.net = NetworkWork(**in_one_piece(part.net._asdict()))
+        part.step = StepWork(**in_one_piece(part.step._asdict()))
     return work
 
 

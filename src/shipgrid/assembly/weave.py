@@ -27,7 +27,7 @@ from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES, type_of
-from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, without_sign
+from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, in_one_piece, without_sign
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, conduction, nodal, pacing, stub_lines
@@ -135,8 +135,15 @@ def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], di
         **plan.step._asdict(),
     }
     moving: dict[str, Any] = {"sig": work.sig, **work.net._asdict(), **work.step._asdict(), **work.pace._asdict()}
+    scratch = in_one_piece(
+        {f"{t.kind.key}_{name}": np.zeros((len(t.placed), t.nx)) for t in plan.layout.types for name in "abc"}
+    )
     for t in plan.layout.types:
         moving |= dict(type_views(plan, work, t))
+        for name in "abc" if t.nx else "":  # copies of the states: start of step, stage, rates
+            flat = scratch[f"{t.kind.key}_{name}"]
+            moving[f"{t.kind.key}_{name}f"] = flat
+            moving[f"{t.kind.key}_{name}"] = flat.ravel().view(record_dtype(t.kind.state))
         constant |= {f"{t.kind.key}_{name}": value for name, value in plan.gathers.get(t.kind.key, {}).items()}
         constant[f"{t.kind.key}_clock"] = plan.clock_of[t.kind.key]
     numbers = {name: value for name, value in constant.items() if not isinstance(value, np.ndarray)}
@@ -156,10 +163,6 @@ def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, An
         view("x", work.sig[t.x : t.x + count * t.nx], record_dtype(kind.state))
         flat = work.sig[t.x : t.x + count * t.nx].reshape(count, t.nx)
         found.append((f"{key}_xf", flat))
-        for name in ("a", "b", "c"):  # scratch copies of the states: start of step, stage, rates
-            scratch = np.zeros((count, t.nx))
-            found.append((f"{key}_{name}f", scratch))
-            view(name, scratch.ravel(), record_dtype(kind.state))
     if t.nu:
         view("u", work.sig[t.u : t.u + count * t.nu], record_dtype(kind.input))
     if t.ny:
@@ -240,18 +243,16 @@ def weave(plan: Plan) -> str:
                 calls += [call] if stage == "modulate" else [f"if due[{types.index(t)}] != 0:", f"    {call}"]
     books = function("keep_books", _audit(types, imported))
     step = function(
-        "step",
+        "step", ["t = (done - 1) * h", "bad = -1", solver(bookkeeping.tick_clocks), *calls, "return bad"], "done"
+    )
+    keep = function(
+        "keep",
         [
-            "t = (done - 1) * h",
-            "bad = -1",
-            solver(bookkeeping.tick_clocks),
-            *calls,
-            f"if {solver(bookkeeping.record)}:",
-            f"    {books}",
-            f"    wrong = {solver(bookkeeping.audit)}",
-            "    if wrong >= 0:",
-            "        bad = wrong",
-            "return bad",
+            f"if not {solver(bookkeeping.record)}:",
+            "    return -1",
+            "t = done * h",
+            books,
+            f"return {solver(bookkeeping.audit)}",
         ],
         "done",
     )
@@ -301,7 +302,11 @@ def weave(plan: Plan) -> str:
         "                if bad < 0:",
         "                    bad = wrong",
         f"                {exchange}",
-        f"            wrong = {step}",
+        "            if p < books or books == 0:",
+        f"                wrong = {step}",
+        "                if bad < 0:",
+        "                    bad = wrong",
+        f"            wrong = {keep}",
         "            if bad < 0:",
         "                bad = wrong",
         "            if p == books:",

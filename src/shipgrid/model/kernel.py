@@ -78,6 +78,23 @@ class ArrayTable:
         return np.asarray(self)
 
 
+CACHE_LINE = 64
+"""What two cores cannot write into at a time [bytes]."""
+
+
+def in_one_piece(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Copies of arrays, one after the other in memory that shares no cache line with anything else."""
+    size = sum(-(-a.nbytes // 16) * 16 for a in arrays.values())
+    memory = np.zeros(size + 2 * CACHE_LINE, dtype=np.uint8)
+    at = -memory.ctypes.data % CACHE_LINE
+    found = {}
+    for name, a in arrays.items():
+        found[name] = memory[at : at + a.nbytes].view(a.dtype).reshape(a.shape)
+        found[name][...] = a
+        at += -(-a.nbytes // 16) * 16
+    return found
+
+
 def without_sign(places: np.ndarray) -> np.ndarray:
     """An array of places or counts as compiled code reads it: unsigned, so that no index can be one from the end.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from shipgrid.model import kernel
-from shipgrid.model.kernel import breathe, monotonic_ns, seen, shows
+from shipgrid.model.kernel import breathe, in_one_piece, monotonic_ns, seen, shows
 
 DONE, WRONG, BUSY = range(3)
 """Columns of `posts`: the last step run (of the leader: released), what failed in it, or -1, and the time it took [ns]
@@ -29,7 +29,7 @@ PATIENCE = 20_000
 
 def new_posts(workers: int, *, crowded: bool = False) -> np.ndarray:
     """Posts of a crew that has not begun."""
-    posts = np.zeros((workers, WIDTH), dtype=np.int64)
+    posts = in_one_piece({"posts": np.zeros((workers, WIDTH), dtype=np.int64)})["posts"]
     posts[:, CROWDED] = int(crowded)
     posts[:, WRONG] = -1
     return posts
