@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
-from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.start import evaluate_outputs, settle_outputs
 from shipgrid.assembly.weave import arguments, woven_entry
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
@@ -154,7 +154,7 @@ def operating_point(
         name = watched[int(np.argmax(drifts))][0] if watched else ""
         if worst < tolerance:
             break
-    work.sig[counting] = started
+    _count_from(plan, work, started)
     if not worst < tolerance:
         drift = f"{name} still drifts by {worst:.2g} of itself a second"
         raise SteadyStateError(f"no operating point in {longest:g} s: {drift}")
@@ -196,6 +196,14 @@ def _counting(plan: Plan) -> np.ndarray:
     return np.array(found, dtype=np.int64)
 
 
+def _count_from(plan: Plan, work: Workspace, counted: np.ndarray) -> None:
+    """Let what counts begin at these values, and what is read of it agree with them."""
+    work.sig[_counting(plan)] = counted
+    for t in plan.layout.types:
+        if t.nx and any(f.signal.counts for f in fields_of(t.kind.state)):
+            evaluate_outputs(plan, work, t)
+
+
 def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
     """The state of one plan as the start of another of the same plant: of the other fidelity, say.
 
@@ -222,10 +230,10 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
         for part, own in zip(to.pieces, made.pieces, strict=True):
             _carry_clocks(plan, work, part, own, places)
     if to.parts:  # the lines have begun as if nothing turned
-        counting = np.concatenate([_counting(part) for part in to.parts])
-        started = made.sig[counting].copy()
+        started = [made.sig[_counting(part)] for part in to.parts]
         advance(to, made, math.ceil(SETTLE / _pattern(plan)) * _pattern(plan))
-        made.sig[counting] = started
+        for part, own, counted in zip(to.parts, made.parts, started, strict=True):
+            _count_from(part, own, counted)
     return fresh(to, made)
 
 

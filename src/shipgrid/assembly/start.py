@@ -45,19 +45,24 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
             gather = plan.gathers[kind.key]
             for name in ("measured", "latest"):
                 sig[gather[name][:, 0]] = sig[gather[name][:, 1]]
-            kernel = kind.kernels.get("outputs")
-            if kernel is None:
-                continue
-            views = dict(type_views(plan, work, t))
-            names = argument_names(kernel)
-            for i in range(len(t.placed)):
-                values: dict[str, Any] = {"t": 0.0, "tables": plan.step.tables, "delays": work.step.delays}
-                values |= {n: views[f"{kind.key}_{n}"].view(np.recarray)[i] for n in names if n not in values}
-                with np.errstate(all="ignore"):  # a machine at rest divides zero by zero where its kernel guards by inf
-                    call_uncompiled(kernel, values)
+            evaluate_outputs(plan, work, t)
         sig[pairs[:, 0]] = sig[pairs[:, 1]]
     work.step.previous[:] = sig
     work.step.watched_was[:] = sig[plan.step.watched]
+
+
+def evaluate_outputs(plan: Plan, work: Workspace, t: TypeLayout) -> None:
+    """Outputs of all components of a type, as their states and inputs are."""
+    kernel = t.kind.kernels.get("outputs")
+    if kernel is None:
+        return
+    views = dict(type_views(plan, work, t))
+    names = argument_names(kernel)
+    for i in range(len(t.placed)):
+        values: dict[str, Any] = {"t": 0.0, "tables": plan.step.tables, "delays": work.step.delays}
+        values |= {n: views[f"{t.kind.key}_{n}"].view(np.recarray)[i] for n in names if n not in values}
+        with np.errstate(all="ignore"):  # a machine at rest divides zero by zero where its kernel guards by inf
+            call_uncompiled(kernel, values)
 
 
 def hand_over(plan: Plan, sig: np.ndarray) -> None:

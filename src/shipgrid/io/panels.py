@@ -71,7 +71,7 @@ PANELS = (
     Panel("Voltage of the AC bars", "pu", "ac", "v_pu", least=0.1),
     Panel("Frequency of the AC bars", "Hz", "ac", "f", least=1.0, none=0.0),
     Panel("Time of a step, mean of each second", "µs", "realtime.core", "(computation|idle)", 1e6, band=False),
-    Panel("Overruns so far", "", "realtime.core", "overruns", least=1.0, band=False),
+    Panel("Overruns so far", "", "realtime.core_1", "overruns", least=1.0, band=False),
 )
 STATES = (
     ("dc_tie", "closed", {1: "closed"}),

@@ -194,7 +194,13 @@ def clock_table(found: Mapping[str, Any]) -> list[tuple[str, ...]]:
         return "" if value is None else f"{'≥ ' if beyond else ''}{1e6 * value:.2f}"
 
     labels = ("mean", *PERCENTILES, "worst")
-    return [(name, *(micro(label, found[name].get(label)) for label in labels)) for name in NAMES if name in found]
+    rows = [(name, found[name]) for name in NAMES if name in found]
+    crew = zip(found.get("crew", ()), found.get("cores", ()), strict=False)
+    rows += [
+        (f"core {k}: {', '.join(who['parts'])} ({100 * core['duty']:.0f} %)", core)
+        for k, (who, core) in enumerate(crew, start=1)
+    ]
+    return [(name, *(micro(label, times.get(label)) for label in labels)) for name, times in rows]
 
 
 def energy_table(energy: Mapping[str, Mapping[str, float]]) -> list[dict[str, Any]]:
