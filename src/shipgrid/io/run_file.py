@@ -13,7 +13,20 @@ from shipgrid.io.ship_file import Ship, check_head, read_parts
 from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
 from shipgrid.scenarios.outside import Outside, read_outside
 
-KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "waveforms", "parts", "outside", "set", "ship", "scenario")
+KEYS = (
+    "schema",
+    "fidelity",
+    "step",
+    "until",
+    "version",
+    "commit",
+    "waveforms",
+    "parts",
+    "outside",
+    "set",
+    "ship",
+    "scenario",
+)
 
 
 @dataclass(frozen=True)

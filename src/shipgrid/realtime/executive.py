@@ -71,8 +71,8 @@ class Executive:
     policy : {"catch-up", "re-anchor"}
         After an overrun: run the steps that follow without waiting until the plan holds again, or let the plan begin
         anew, later.
-    core : int, optional
-        Processor core for the loop; any if left out.
+    cores : sequence of int
+        Processor cores, the loop's first; any if left out.
     virtual_cost : sequence of int, optional
         For tests: nanoseconds that each step takes, in turn, on a clock that does not exist.
     attached : callable, optional
@@ -89,7 +89,7 @@ class Executive:
 
     factor: float = 1.0
     policy: str = "catch-up"
-    core: int | None = None
+    cores: Sequence[int] = ()
     virtual_cost: Sequence[int] | None = None
     attached: Callable[[SharedArrays, Run], Callable[[], dict[str, Any]]] | None = None
     snapshot_every: float = 60.0
@@ -322,7 +322,7 @@ class _Steps(threading.Thread):
         executive, run, plan, work = self.executive, self.plant, self.plant.plan, self.plant.work
         entry, values = woven_entry(plan), arguments(plan, work)
         p = work.pace.pacer[0]
-        self.found["scheduling"] = settle(executive.core)
+        self.found["scheduling"] = settle(next(iter(executive.cores), None))
         before = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
         first, spent, began = work.n, 0, self._anchor()
         while work.n < self.last and not run.failure:

@@ -48,6 +48,7 @@ from shipgrid.scenarios.output_folder import (
     write_text,
 )
 from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
+from shipgrid.scenarios.parts import parts_wanted
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
@@ -174,7 +175,13 @@ class Keeper:
         self.written = time.monotonic()
 
 
-def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[Any] = ()) -> Plan:
+def build(
+    ship: Any,
+    step: float,
+    fidelity: str = "averaged",
+    rules: Sequence[Any] = (),
+    parts: Mapping[str, Sequence[str]] | None = None,
+) -> Plan:
     """Network and plan of a ship at one step length.
 
     Parameters
@@ -186,11 +193,13 @@ def build(ship: Any, step: float, fidelity: str = "averaged", rules: Sequence[An
         Detail of the converters.
     rules : sequence of object
         Rules of power management in force.
+    parts : mapping of str to sequence of str, optional
+        Buses by the name of a part; uncut if left out.
     """
     network = Network(ship.name, fidelity)
     ship.build(network)
     equip(network, ship, rules)
-    return assemble(network, step)
+    return assemble(network, step, parts=parts)
 
 
 def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
@@ -210,7 +219,7 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     """
     commands = scenario.start_commands(ship)
     if scenario.start_state == "moored":
-        if plan.network.fidelity == "averaged":
+        if plan.network.fidelity == "averaged" and not plan.parts:
             return operating_point(plan, commands)
         mean = build(ship, plan.h, rules=scenario.rules)
         work, drift = operating_point(mean, commands)
@@ -239,6 +248,8 @@ def simulate(
     found: Callable[[float, Path], None] | None = None,
     live: Live | None = None,
     outside: Sequence[Outside] = (),
+    parts: str | int | Mapping[str, Sequence[str]] | None = None,
+    workers: int = 1,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
 
@@ -274,6 +285,10 @@ def simulate(
     outside : sequence of Outside
         Commands that a live run was given while it ran, to be given again at the same steps. What an unfinished run
         was to be given, or if it was live had been, need not be named here when it is continued.
+    parts : str, int or mapping, optional
+        What the plant is cut into: "ship" as its file says, a number of parts, or buses by the name of a part.
+    workers : int
+        Threads.
 
     Returns
     -------
@@ -303,7 +318,8 @@ def simulate(
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     ship = scenario.ship_at_start(ship)
-    plan = build(ship, h, fidelity, scenario.rules)
+    groups = parts_wanted(ship, parts, h)
+    plan = build(ship, h, fidelity, scenario.rules, groups)
     windows = merged(waveforms, h, end)
     place = Path(out or default_place(scenario, fidelity))
     whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
@@ -327,7 +343,7 @@ def simulate(
             run, given = Run(plan, work), outside
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, groups or {})
         write_text(folder.path / MARK, text)
         if outside:
             write_text(folder.path / COMMANDS, as_lines(outside))
@@ -721,7 +737,7 @@ def energy_balance(
     """
     names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
     ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
-    for (path, ledger), value in zip(plan.energy_items, work.step.energy, strict=True):
+    for (path, ledger), value in zip(plan.energy_items, work.energy, strict=True):
         place = ledgers[names[ledger]]
         short = path.removesuffix(".alpha").removesuffix(".beta")
         place[short] = place.get(short, 0.0) + float(value)
@@ -784,6 +800,7 @@ def _run_yaml(
     overrides: Mapping[str, str],
     about: Mapping[str, str],
     waveforms: Sequence[tuple[float, float]],
+    parts: Mapping[str, Sequence[str]],
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
@@ -795,6 +812,7 @@ def _run_yaml(
         f"version: {about['version']}",
         f"commit: {about['commit']}",
         *(["waveforms:", *(f"  - {a!r} s:{b!r} s" for a, b in waveforms)] if waveforms else []),
+        *(["parts:", *(f"  {name}: [{', '.join(buses)}]" for name, buses in parts.items())] if parts else []),
         f"outside: {COMMANDS}  # beside this file, if there were any: commands given while a live run ran",
         "set:",
         *(f"  {path}: {json.dumps(value)}" for path, value in overrides.items()),
