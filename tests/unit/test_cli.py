@@ -167,7 +167,10 @@ def test_a_rule_in_time_is_said_with_its_band(simulated):
         (["run", "--parts", "2", "--reference"], "--parts: --reference runs the whole plant"),
         (["parts", "--parts", "1"], "parts: the plant stays whole, so that there is nothing to show"),
         (["parts", "--until", "-1 s"], "--until: -1 s is not after the start"),
-        (["parts", "--until", "0.01 s"], "until = 0.01 s, expected more than 0.02 s: what comes before is not compared"),
+        (
+            ["parts", "--until", "0.01 s"],
+            "until = 0.01 s, expected more than 0.02 s: what comes before is not compared",
+        ),
         (["live", "--factor", "0"], "factor = 0.0, expected 0.001 to 1000"),
         (["live", "--overrun", "hope"], "there is no overrun policy 'hope', expected catch-up or re-anchor"),
         (["live", "--console", "127.0.0.1:80"], "--console: not in this version"),
@@ -272,7 +275,7 @@ def test_parts_and_lines_are_shown_before_anything_is_sailed():
     assert result.exit_code == 0, result.output
     lines = [line.split() for line in result.stdout.splitlines()]
     assert ["grid", "ac_for,", "ac_aft", "9", "2"] in lines
-    assert "dc_tie.branch for and aft 9 uH 100 uF 0.588 %".split() in lines  # C = h2/L, over 17 mF
+    assert ["dc_tie.branch", "for", "and", "aft", "9", "uH", "100", "uF", "0.588", "%"] in lines  # C = h2/L, over 17 mF
     assert "Cut minus whole" not in result.stdout
 
 

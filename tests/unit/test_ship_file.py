@@ -410,7 +410,11 @@ def test_a_file_may_say_where_its_plant_is_cut():
         ("aft: [dc_aft]", "aft: dc_aft", "parts.aft: has no buses, expected a list of them"),
         ("aft: [dc_aft]", "aft: [[dc_aft]]", "parts.aft.0: is not one value, expected the name of a bus"),
         ("aft: [dc_aft]", "Aft: [dc_aft]", "parts.Aft: is not a name, expected lower-case letters, digits and _"),
-        ("for: [dc_for], aft: [dc_aft], ", "", "parts: is not enough, expected two parts or more, each name: [bus, ..."),
+        (
+            "for: [dc_for], aft: [dc_aft], ",
+            "",
+            "parts: is not enough, expected two parts or more, each name: [bus, ...",
+        ),
         ("{for: [dc_for], aft: [dc_aft], grid: [ac_for, ac_aft]}", "2", "parts: is not enough, expected two parts or"),
         ("grid: [ac_for, ac_aft]", "", "lies between the parts 'for' and 'aft', expected in one of them"),
     ],

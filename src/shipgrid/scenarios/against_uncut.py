@@ -1,7 +1,7 @@
 """A plant cut into parts, and the same plant whole, through the same scenario: what error does the cut introduce?
 
 Both start from the state of the whole plant and are given the same commands at the same steps; every public signal is
-compared at every step. The first 20 ms are left out: at the start the lines are at rest and have yet to fill.
+compared at every step. The first 20 ms are left out: in them the cut plant goes over to a steady state of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from shipgrid.scenarios.waveforms import Window
 
 STRETCH = 4000
 """Steps that both plants make in turn; only so many are kept."""
-FILLING = 0.02
+SETTLING = 0.02
 """Time [s] at the start that is not compared."""
 
 
@@ -45,7 +45,7 @@ def against_uncut(
     parts : mapping of str to sequence of str
         Buses by the name of a part.
     until : float
-        End [s]; more than `FILLING`.
+        End [s]; more than `SETTLING`.
     fidelity : {"averaged", "switching"}
     step : float, optional
         Step [s]; the scenario's own (averaged only), or 30 us.
@@ -66,10 +66,10 @@ def against_uncut(
         If one of the runs diverges.
     """
     h = step or (scenario.step if fidelity == "averaged" else None) or DEFAULT_STEP
-    first, last = round(FILLING / h), round(until / h)
+    first, last = round(SETTLING / h), round(until / h)
     if last <= first:
         raise ParameterError(
-            f"until = {until:g} s, expected more than {FILLING:g} s: what comes before is not compared"
+            f"until = {until:g} s, expected more than {SETTLING:g} s: what comes before is not compared"
         )
     ship = scenario.ship_at_start(ship)
     plan = build(ship, h, fidelity, scenario.rules)
