@@ -14,6 +14,12 @@ OWN = {"for": ("dc_for",), "aft": ("dc_aft",), "grid": ("ac_for", "ac_aft")}
 STEP = 30e-6
 
 
+def found(ship, asked, step=STEP):
+    groups = parts_wanted(ship, asked, step)
+    assert groups is not None
+    return groups
+
+
 def without_parts():
     return read_ship(read_text(FERRY[: FERRY.index("parts:")], "my.yaml")).checked()
 
@@ -34,17 +40,17 @@ def test_groups_of_buses_are_taken_as_they_are():
 
 @pytest.mark.parametrize("asked", [3, "3"])
 def test_a_number_of_parts_is_found_where_lines_have_little_surplus(asked):
-    found = parts_wanted(without_parts(), asked, STEP)
-    assert list(map(set, found.values())) == [
+    groups = found(without_parts(), asked)
+    assert list(map(set, groups.values())) == [
         {"dc_for", "genset_for.terminals"},
         {"dc_aft", "genset_aft.terminals"},
         {"ac_for", "ac_aft"},
     ]
-    assert all(line.share < 0.05 for line in partition_of(without_parts(), found, STEP).lines)
+    assert all(line.share < 0.05 for line in partition_of(without_parts(), groups, STEP).lines)
 
 
 def test_more_parts_than_there_can_be_are_as_many_as_there_are():
-    assert len(parts_wanted(load_ship(), 99, STEP)) == 5  # each DC bus, each genset, the hotel grid
+    assert len(found(load_ship(), 99)) == 5  # each DC bus, each genset, the hotel grid
 
 
 def test_at_a_long_step_no_line_has_little_surplus():

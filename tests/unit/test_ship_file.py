@@ -415,7 +415,7 @@ def test_a_file_may_say_where_its_plant_is_cut():
             "",
             "parts: is not enough, expected two parts or more, each name: [bus, ...",
         ),
-        ("{for: [dc_for], aft: [dc_aft], grid: [ac_for, ac_aft]}", "2", "parts: is not enough, expected two parts or"),
+        ("{for: [dc_for], aft: [dc_aft], grid: [ac_for, ac_aft]}", "2", "parts: is not a mapping, expected two parts"),
         ("grid: [ac_for, ac_aft]", "", "lies between the parts 'for' and 'aft', expected in one of them"),
     ],
 )

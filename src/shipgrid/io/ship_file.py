@@ -781,13 +781,16 @@ def read_parts(root: Section, problems: Problems) -> dict[str, tuple[str, ...]]:
     node, buses = root.get("parts"), root.get("buses")
     if node is None:
         return {}
-    before = len(problems)
-    if not isinstance(node, Section) or len(node.entries) < 2:
-        problems.add(node.place, "parts", "is not enough, expected two parts or more, each name: [bus, ...]")
+    before, expected = len(problems), "expected two parts or more, each name: [bus, ...]"
+    if not isinstance(node, Section):
+        problems.add(node.place, "parts", f"is not a mapping, {expected}")
+        return {}
+    if len(node.entries) < 2:
+        problems.add(node.place, "parts", f"is not enough, {expected}")
     known = list(buses.entries) if isinstance(buses, Section) else None
     found: dict[str, tuple[str, ...]] = {}
     part_of: dict[str, str] = {}
-    for name, listed in node if isinstance(node, Section) else ():
+    for name, listed in node:
         path = f"parts.{name}"
         if _PART.fullmatch(name) is None:
             problems.add(node.keys[name], path, "is not a name, expected lower-case letters, digits and _")

@@ -91,11 +91,12 @@ def against_uncut(
         largest = np.maximum(largest, now)
         squares += (gap**2).sum(axis=0)
         size = np.maximum(size, np.abs(whole).max(axis=0))
-    of_unit = {unit: max(v for v, p in zip(size, public, strict=True) if p.unit == unit) for unit in
-               {p.unit for p in public}} | {"1": 1.0}  # fmt: skip
+    of_unit: dict[str, float] = {}
+    for p, value in zip(public, size, strict=True):
+        of_unit[p.unit] = 1.0 if p.unit == "1" else max(of_unit.get(p.unit, 0.0), float(value))
     rms = np.sqrt(squares / (last - first))
     found = [
-        Deviation(p.name, p.unit, *(float(value[k]) for value in (largest, at, rms)), float(of_unit[p.unit]))
+        Deviation(p.name, p.unit, float(largest[k]), float(at[k]), float(rms[k]), of_unit[p.unit])
         for k, p in enumerate(public)
     ]
     return sorted(found, key=lambda d: -d.relative)
