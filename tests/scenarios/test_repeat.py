@@ -86,6 +86,47 @@ def test_plan_and_duration_are_said_before_the_run(first):
     assert "us a step in a trial at the start" in said.stderr
 
 
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory):
+    """A third of a second of the same, in two parts."""
+    folder = tmp_path_factory.mktemp("results") / "cut"
+    said = shipgrid("run", "--until", "0.3 s", "--step", "30us", "--parts", "2", "--out", str(folder), "--no-report")
+    assert said.exit_code == 0, said.output
+    return folder
+
+
+def test_a_run_of_a_plant_in_parts_is_repeated_with_the_same_cut(cut, tmp_path):
+    said = shipgrid("run", str(cut / "run.yaml"), "--out", str(tmp_path / "again"), "--no-report")
+    assert said.exit_code == 0, said.output
+    assert "cut into 2 parts (dc_for, dc_aft)" in said.stderr
+    runs = [sg.open_results(folder) for folder in (cut, tmp_path / "again")]
+    assert runs[0].settings == runs[1].settings
+    assert runs[0].settings["parts"]["dc_for"] == ["dc_for", "genset_for.terminals"]
+    for name in runs[0].signals:
+        assert np.array_equal(runs[0][name], runs[1][name]), name
+    said = shipgrid("run", str(cut / "run.yaml"), "--parts", "1", "--out", str(tmp_path / "whole"), "--no-report")
+    assert said.exit_code == 0 and "cut into" not in said.stderr, said.output
+    whole = sg.open_results(tmp_path / "whole")
+    assert "parts" not in whole.settings
+    assert not np.array_equal(runs[0]["ac_for.v_pu"], whole["ac_for.v_pu"])
+
+
+@pytest.mark.parametrize(
+    ("was", "wrong", "says"),
+    [
+        ("  dc_for: [dc_for, genset_for.terminals]\n", "", "parts: is not enough, expected two parts or more"),
+        ("dc_for: [dc_for, ", "dc_for: [dc_aft, ", "parts.dc_aft.0: bus 'dc_aft' is in the part 'dc_for' already"),
+        ("parts:\n", "part:\n", "part: no such key (nearest: 'parts')"),
+    ],
+)
+def test_a_mistake_about_the_parts_of_a_run_yaml_is_named(cut, tmp_path, was, wrong, says):
+    text = (cut / "run.yaml").read_text()
+    assert was in text
+    (tmp_path / "run.yaml").write_text(text.replace(was, wrong, 1))
+    said = shipgrid("check", str(tmp_path / "run.yaml"))
+    assert (said.exit_code, says in said.stderr) == (2, True), said.stderr
+
+
 def test_check_reads_a_run_yaml_and_says_where_its_mistakes_are(first, tmp_path):
     folder, _ = first
     assert shipgrid("check", str(folder / "run.yaml")).exit_code == 0

@@ -15,6 +15,7 @@ import synthetic_run
 from typer.testing import CliRunner
 
 from shipgrid.analysis.requirements import Verdict
+from shipgrid.assembly import crew
 from shipgrid.cli.main import app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled
@@ -158,7 +159,18 @@ def test_a_rule_in_time_is_said_with_its_band(simulated):
         (["run", "--reference"], "--reference: needs the window to run with both solvers, expected one --waveforms"),
         (["run", "--resume", "--reference"], "--resume: --reference keeps nothing that could be continued"),
         (["run", "--reference", "--waveforms", "9.9s:10.1s"], "--reference: a command comes at 10 s"),
-        (["live", "--cores", "99"], "--cores: '99' is no core of this machine, expected one of 0 to"),
+        (["live", "--cores", "99"], "--cores: '99' is no core of this machine, expected one of 0"),
+        (["live", "--cores", "0,0"], "--cores: '0,0' is no list of cores, expected numbers such as 0,1,2, each once"),
+        (["live", "--cores", "0-2"], "--cores: '0-2' is no list of cores"),
+        (["run", "--parts", "0"], "--parts: '0' is no number of parts, expected 1 or more, or 'ship'"),
+        (["run", "--parts", "shp"], "--parts: 'shp' is no number of parts"),
+        (["run", "--parts", "2", "--reference"], "--parts: --reference runs the whole plant"),
+        (["parts", "--parts", "1"], "parts: the plant stays whole, so that there is nothing to show"),
+        (["parts", "--until", "-1 s"], "--until: -1 s is not after the start"),
+        (
+            ["parts", "--until", "0.01 s"],
+            "until = 0.01 s, expected more than 0.02 s: what comes before is not compared",
+        ),
         (["live", "--factor", "0"], "factor = 0.0, expected 0.001 to 1000"),
         (["live", "--overrun", "hope"], "there is no overrun policy 'hope', expected catch-up or re-anchor"),
         (["live", "--console", "127.0.0.1:80"], "--console: not in this version"),
@@ -185,6 +197,86 @@ def test_bad_input_is_said_and_ends_with_status_2_before_anything_runs(simulated
     assert (result.exit_code, made.asked) == (2, None), result.output
     assert says in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def four_cores(monkeypatch):
+    monkeypatch.setattr(crew, "cores", lambda: [0, 1, 2, 3])
+
+
+OWN = {"for": ("dc_for",), "aft": ("dc_aft",), "grid": ("ac_for", "ac_aft")}
+
+
+@pytest.mark.parametrize(
+    ("words", "parts", "says"),
+    [
+        (["--parts", "ship"], OWN, "cut into 3 parts (for, aft, grid) on 1 core"),
+        (["--parts", "2", "--step", "30us", "--threads", "4"], 2, "cut into 2 parts (dc_for, dc_aft) on 2 cores"),
+        (["--parts", "9", "--step", "30us"], 5, "--parts: ferry has 5 parts at steps of 30 us: any other line would"),
+        (["--parts", "2"], None, "--parts: ferry stays whole at steps of 90 us: any other line would have a surplus"),
+        (["--parts", "1"], None, ""),
+        ([], None, ""),
+    ],
+)
+def test_a_run_is_cut_where_it_is_asked_for(simulated, four_cores, words, parts, says):
+    made = simulated()
+    result = shipgrid("run", *words)
+    assert result.exit_code == 0, result.output
+    asked = getattr(made.asked, "parts", None)
+    assert asked == parts if parts == OWN else len(asked or ()) == (parts or 0)
+    assert getattr(made.asked, "workers", 1) == (2 if "--threads" in words else 1)
+    assert says in result.stderr
+    assert ("cut into" in result.stderr) == ("dc_tie.branch" in result.stderr) == (parts is not None)
+
+
+def test_a_ship_without_parts_of_its_own_is_said_to_have_none(simulated, tmp_path):
+    text = bundled("ship")["ferry"].read_text()
+    (tmp_path / "ship.yaml").write_text(text[: text.index("parts:")])
+    made = simulated()
+    result = shipgrid("run", "--ship", str(tmp_path / "ship.yaml"), "--parts", "ship", "--step", "30")
+    assert (result.exit_code, made.asked) == (2, None)
+    assert "--parts: the file of ferry has no section 'parts', expected one, or a number" in result.stderr
+    assert "--step: '30' has no unit" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "cores", "parts", "says"),
+    [
+        ([], [], 0, ""),
+        (["--cores", "2"], [2], 0, ""),
+        (["--cores", "0,1"], [0, 1], 3, "cut into 3 parts (for, aft, grid) on 2 cores"),
+        (["--cores", "3, 1,2"], [3, 1, 2], 3, "cut into 3 parts (for, aft, grid) on 3 cores"),
+        (["--cores", "1,2,8"], [1, 2], 3, "--cores: there is no core 8 here (0, 1, 2, 3); the plant is cut all the"),
+        (["--cores", "1,8"], [1], 3, "cut into 3 parts (for, aft, grid) on 1 core"),
+        (["--cores", "0,1", "--parts", "1"], [0], 0, "--cores: the plant has no part for core 1"),
+        (["--cores", "0,1,2", "--parts", "2"], [0, 1], 2, "--cores: the plant has no part for core 2"),
+        (["--parts", "ship"], [], 3, "cut into 3 parts (for, aft, grid) on 1 core"),
+    ],
+)
+def test_a_live_run_is_cut_for_the_cores_it_is_given(simulated, four_cores, words, cores, parts, says):
+    made = simulated(error=SolverError("far enough"))
+    result = shipgrid("live", *words)
+    assert made.asked is not None, result.output
+    assert (list(made.asked.live.cores), len(getattr(made.asked, "parts", ()))) == (cores, parts)
+    assert says in result.stderr
+    assert made.asked.step == 30e-6
+
+
+def test_a_live_run_of_a_ship_without_parts_is_cut_into_as_many_as_there_are_cores(simulated, four_cores, tmp_path):
+    text = bundled("ship")["ferry"].read_text()
+    (tmp_path / "ship.yaml").write_text(text[: text.index("parts:")])
+    made = simulated(error=SolverError("far enough"))
+    shipgrid("live", "--ship", str(tmp_path / "ship.yaml"), "--cores", "0,3")
+    assert (list(made.asked.live.cores), len(made.asked.parts)) == ([0, 3], 2)
+
+
+def test_parts_and_lines_are_shown_before_anything_is_sailed():
+    result = shipgrid("parts", "--step", "30us", "--until", "0 s")
+    assert result.exit_code == 0, result.output
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert ["grid", "ac_for,", "ac_aft", "9", "2"] in lines
+    assert ["dc_tie.branch", "for", "and", "aft", "9", "uH", "100", "uF", "0.588", "%"] in lines  # C = h2/L, over 17 mF
+    assert "Cut minus whole" not in result.stdout
 
 
 def test_a_live_run_has_the_gateway_that_is_asked_for(simulated, monkeypatch):
@@ -305,6 +397,7 @@ def test_explain_names_buses_stages_and_time_constants():
         "bess_for.converter",
         "at 3240 Hz exactly",
         "0.0045 in CT*",
+        "for and grid  848.8 uH",
         "head sea up to 1.39 m",
     ):
         assert part in result.stdout

@@ -65,6 +65,8 @@ def put(document, path, value):
         (("equipment", "Bess"), {"kind": "bess"}, "'Bess' does not match"),
         (("hull",), {"displacement": 377}, "377 is not of type 'string'"),
         (("hull", "resistance"), [["6 kn"]], "is not valid under any of"),
+        (("parts",), {"for": ["dc_for"]}, "does not have enough properties"),
+        (("parts", "aft"), "dc_aft", "'dc_aft' is not of type 'array'"),
     ],
 )
 def test_a_slip_in_a_ship_file_is_refused(validators, path, value, names):

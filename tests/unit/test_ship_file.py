@@ -391,6 +391,38 @@ def test_a_variant_is_checked_like_a_file(path, value, says):
     assert says in caught.value.problems[0]
 
 
+def test_a_file_may_say_where_its_plant_is_cut():
+    assert load_ship("ferry").parts == {"for": ("dc_for",), "aft": ("dc_aft",), "grid": ("ac_for", "ac_aft")}
+    variant = load_ship("ferry").replace("parts.aft", "[dc_aft, genset_aft.terminals]")
+    assert variant.parts["aft"] == ("dc_aft", "genset_aft.terminals")
+    assert read_ship(read_text(variant.text, "again.yaml")).checked().parts == variant.parts
+    assert read_ship(read_text(FERRY[: FERRY.index("parts:")], "my.yaml")).checked().parts == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("aft: [dc_aft]", "aft: [dc_aftt]", "parts.aft.0: there is no bus 'dc_aftt' (nearest: 'dc_aft')"),
+        ("aft: [dc_aft]", "aft: [bess_aft]", "parts.aft.0: there is no bus 'bess_aft' (nearest: 'dc_aft')"),
+        ("aft: [dc_aft]", "aft: [x.terminals]", "parts: ferry: no bus 'x.terminals'"),
+        ("aft: [dc_aft]", "aft: [dc_aft, dc_for]", "parts.aft.1: bus 'dc_for' is in the part 'for' already, expected"),
+        ("aft: [dc_aft]", "aft: []", "parts.aft: has no buses, expected a list of them, such as [dc_for, ac_for]"),
+        ("aft: [dc_aft]", "aft: dc_aft", "parts.aft: has no buses, expected a list of them"),
+        ("aft: [dc_aft]", "aft: [[dc_aft]]", "parts.aft.0: is not one value, expected the name of a bus"),
+        ("aft: [dc_aft]", "Aft: [dc_aft]", "parts.Aft: is not a name, expected lower-case letters, digits and _"),
+        (
+            "for: [dc_for], aft: [dc_aft], ",
+            "",
+            "parts: is not enough, expected two parts or more, each name: [bus, ...",
+        ),
+        ("{for: [dc_for], aft: [dc_aft], grid: [ac_for, ac_aft]}", "2", "parts: is not a mapping, expected two parts"),
+        ("grid: [ac_for, ac_aft]", "", "lies between the parts 'for' and 'aft', expected in one of them"),
+    ],
+)
+def test_a_mistake_about_parts_is_named_by_file_line_path_and_expectation(old, new, says):
+    assert says in the_problem(changed(old, new), "parts:")
+
+
 def test_resistance_is_a_word_or_pairs_of_speed_and_resistance():
     pairs = "[[2 kn, 0.5 kN], [6 kn, 7 kN], [10 kn, 20 kN]]"
     ship = load_ship("ferry", [("hull.resistance", pairs)])

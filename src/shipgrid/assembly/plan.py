@@ -262,7 +262,7 @@ def assemble(
 class Books:
     """What is recorded and logged of a plant: fields of `StepPlan`, and the names that belong to them."""
 
-    fields: dict[str, np.ndarray]
+    fields: dict[str, Any]
     groups: dict[str, list[str]]
     limiter_paths: list[str]
     shunts: list[tuple[str, str]]

@@ -75,7 +75,8 @@ def hand_over(plan: Plan, sig: np.ndarray) -> None:
         Flat vector, changed in place.
     """
     index, links = plan.layout.index, plan.step.links
-    for end in (end for part in plan.parts for end in part.network.ends if end.near):
+    parts = plan.partition.parts if plan.partition else []
+    for end in (end for part in parts for end in part.ends if end.near):
         i = end.senses[0] * sig[plan.layout.slots["x", f"{end.placed.path}.{end.state}"]]
         plus, minus = (sig[index[node]] if node else 0.0 for node in (end.far_node.plus, end.far_node.minus))
         a = (plus - minus) * plan.h / end.L  # across an inductance in a plant at rest there is next to nothing

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import typer
 
+from shipgrid.assembly.partition import divide
 from shipgrid.cli.listing import table
+from shipgrid.cli.parts import show_parts
 from shipgrid.components.marine.hull import Hull
 from shipgrid.components.marine.propeller import Propeller, mismatch, stand_in
 from shipgrid.components.marine.wind_and_waves import WindAndWaves
@@ -30,6 +32,8 @@ def explain_ship(ship: Any, step: float) -> None:
     heads = ("element", "between", "shortest time constant with them", f"{1e6 * step:g} us over it", "which is")
     table("Ties between capacitive buses", heads, ties)
     _islands(network)
+    if ship.parts:
+        show_parts(divide(network, ship.parts, step), step)
     _stages(network, step)
     _water(network)
     types = {type_of(placed.item).name for placed in network.placed.values()}

@@ -20,15 +20,15 @@ from shipgrid.realtime.registers import registers as made_of
 from shipgrid.realtime.registers import write_registers
 
 
-def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], *, stderr: bool = False) -> None:
     """Print a table; into a file or a pipe as wide as its text, so that lines stay whole."""
-    width = None if sys.stdout.isatty() else 240
+    width = None if (sys.stderr if stderr else sys.stdout).isatty() else 240
     made = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for head in heads:
         made.add_column(head, overflow="fold")
     for row in rows:
         made.add_row(*(Text(cell) for cell in row))
-    Console(width=width).print(made)
+    Console(width=width, stderr=stderr).print(made)
 
 
 def ships() -> None:

@@ -27,6 +27,8 @@ SCHEMAS = ("ship", "scenario")
 TOKEN = "SHIPGRID_TOKEN"
 PERCENTILES = ("p50", "p99", "p99.99", "worst")
 WORST_SHOWN = 5
+SAILED = 2.0
+"""Time [s] beyond the first command that a cut plant and a whole one are sailed."""
 
 app = typer.Typer(
     name="shipgrid",
@@ -52,6 +54,10 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", help="Change one value of either file, by its path in the YAML.", metavar="PATH=VALUE"),
 ]
+PartsOption = Annotated[
+    str | None,
+    typer.Option(help="Cut the plant: into a number of parts, or as the ship's file says.", metavar="N|ship"),
+]
 OutOption = Annotated[
     Path | None,
     typer.Option(help="Folder of the results, replaced whole.", show_default="results/<scenario>-<fidelity>"),
@@ -72,6 +78,10 @@ def run(
     set_: SetOption = None,
     out: OutOption = None,
     waveforms: WaveformsOption = None,
+    parts: PartsOption = None,
+    threads: Annotated[
+        int, typer.Option(min=1, help="Threads that share the parts of a plant that is cut; the results are the same.")
+    ] = 1,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the unfinished run of that folder from its last snapshot.")
@@ -88,12 +98,18 @@ def run(
     with _errors_as_exit_status():
         if resume and reference:
             _refuse("--resume: --reference keeps nothing that could be continued, expected one or the other")
+        if parts and reference:
+            _refuse("--parts: --reference runs the whole plant, expected one or the other; see `shipgrid parts`")
         if resume:
             scenario, out = _unfinished_case(scenario, out)
-        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
+        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [], parts)
         if reference:
             _against_reference(case)
             return
+        if threads > 1 and "parts" not in case.options:
+            _refuse("--threads: the plant is in one piece, expected --parts too")
+        if threads > 1:
+            case.options["workers"] = min(len(case.options["parts"]), threads)
         results = _simulate(case, out, report=not no_report, resume=resume)
         _say_results(results)
         if results.summary.get("interrupted"):
@@ -112,9 +128,16 @@ def live(
     set_: SetOption = None,
     out: OutOption = None,
     waveforms: WaveformsOption = None,
+    parts: PartsOption = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report.html.")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
-    cores: Annotated[str | None, typer.Option(help="Processor core to run the steps on, such as 1.")] = None,
+    cores: Annotated[
+        str | None,
+        typer.Option(
+            help="Processor cores to run the steps on, such as 1 or 0,1,2. On several the plant is cut: as --parts or "
+            "the ship's file says, else into as many parts."
+        ),
+    ] = None,
     factor: Annotated[float, typer.Option(help="Simulated over wall-clock time.")] = 1.0,
     overrun: Annotated[
         str,
@@ -143,14 +166,16 @@ def live(
         _refuse("--console: not in this version")
     with _errors_as_exit_status():
         from shipgrid.realtime.executive import Executive
-        from shipgrid.scenarios.runner import DEFAULT_STEP
 
         gateway = _gateway({"udp": udp, "modbus": modbus}, on_loss, timeout)
-        executive = Executive(factor, overrun, _cores(cores), attached=gateway and partial(_serve, gateway))
+        asked, found = _cores(cores)
+        executive = Executive(factor, overrun, cores=found, attached=gateway and partial(_serve, gateway))
         if resume:
             scenario, out = _unfinished_case(scenario, out)
-        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [])
-        case.options["step"] = case.options["step"] or DEFAULT_STEP  # not the scenario's: that is for offline runs
+        case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [], parts, asked, live=True)
+        executive.cores = found[: len(case.options.get("parts", "1"))]
+        for core in found[len(executive.cores) :]:
+            typer.echo(f"--cores: the plant has no part for core {core}", err=True)
         place = out or Path(f"results/{case.scenario.name}-live")
         results = _simulate(case, place, report=not no_report, resume=resume, live=executive)
         _say_results(results)
@@ -161,6 +186,51 @@ def live(
             raise typer.Exit(INTERRUPTED)
         if not results.ok:
             raise typer.Exit(VIOLATED)
+
+
+@app.command("parts")
+def parts_(
+    scenario: ScenarioArgument = "mission",
+    ship: RunShipOption = None,
+    parts: Annotated[
+        str | None,
+        typer.Option(
+            help="How many parts, or those of the ship's file.", metavar="N|ship", show_default="the ship's, or 2"
+        ),
+    ] = None,
+    fidelity: FidelityOption = None,
+    step: StepOption = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            help="How long to sail, cut and whole; 0s: not at all.", show_default="2 s beyond the first command"
+        ),
+    ] = None,
+    set_: SetOption = None,
+) -> None:
+    """Show the parts a plant can be cut into, the lines between them, and the error that the cut introduces.
+
+    The error: both the cut plant and the whole one are sailed through the scenario, and every public signal is compared
+    at every step. Nothing is written.
+    """
+    with _errors_as_exit_status():
+        sails = _quantity("--until", until, "s") != 0.0
+        case = _case(scenario, ship, fidelity, step, until if sails else None, set_ or [], [], parts, 2)
+        groups = case.options.get("parts")
+        if groups is None:
+            _refuse("parts: the plant stays whole, so that there is nothing to show")
+        from shipgrid.cli.parts import show_error, show_parts
+        from shipgrid.scenarios.against_uncut import against_uncut
+        from shipgrid.scenarios.parts import partition_of
+
+        h, detail = case.step, case.options["fidelity"]
+        show_parts(partition_of(case.ship, groups, h, detail, case.scenario.rules), h)
+        if sails:
+            first = min((t for t, *_ in case.scenario.events), default=0.0)
+            end = case.options["until"] or min(first + SAILED, case.scenario.duration)
+            typer.echo(f"sailing {case.scenario.name} for {end:g} s at {detail} fidelity, cut and whole", err=True)
+            found = against_uncut(case.ship, case.scenario, groups, end, fidelity=detail, step=h)
+            show_error(case.ship, found, end)
 
 
 @app.command()
@@ -334,6 +404,14 @@ class Case:
         self.scenario = scenario
         self.options = options
 
+    @property
+    def step(self) -> float:
+        """Step [s]: what is asked for, or the scenario's (averaged only), or 30 us."""
+        from shipgrid.scenarios.runner import DEFAULT_STEP
+
+        of_scenario = self.scenario.step if self.options["fidelity"] == "averaged" else None
+        return self.options["step"] or of_scenario or DEFAULT_STEP
+
 
 def _case(
     scenario: str,
@@ -343,13 +421,24 @@ def _case(
     until: str | None,
     changes: list[str],
     waveforms: list[str],
+    parts: str | None = None,
+    cores: int = 1,
+    *,
+    live: bool = False,
 ) -> Case:
-    """Read files and options; every mistake of all of them in one go."""
-    from shipgrid.errors import InputErrors
+    """Read files and options; every mistake of all of them in one go.
+
+    On more than one core a plant is cut, if it is not said how: as its file says, else into as many parts. A live run
+    has no use for the scenario's step, which is for offline runs.
+    """
+    from shipgrid.assembly.partition import SURPLUS
+    from shipgrid.errors import InputErrors, ParameterError
     from shipgrid.io.run_file import is_run_file, read_run_file
     from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, read_case, step_range
     from shipgrid.io.ship_file import open_document
     from shipgrid.model.network import FIDELITIES
+    from shipgrid.scenarios.parts import parts_wanted
+    from shipgrid.scenarios.runner import DEFAULT_STEP
 
     problems: list[str] = []
 
@@ -376,7 +465,7 @@ def _case(
             problems.append(f"--set {text}: is not PATH=VALUE, such as equipment.bess_for.capacity='160 Ah'")
         else:
             overrides.append((path.strip(), value.strip()))
-    document, given = open_document("scenario", scenario), ()
+    document, given, groups = open_document("scenario", scenario), (), None
     try:
         if is_run_file(document):
             if ship is not None:
@@ -385,7 +474,7 @@ def _case(
             loaded_ship, loaded_scenario, overrides = repeated.ship, repeated.scenario, list(repeated.overrides.items())
             fidelity, step_s = fidelity or repeated.fidelity, step_s or repeated.step
             until_s, windows = until_s or repeated.until, windows or list(repeated.waveforms)
-            given = repeated.outside
+            given, groups = repeated.outside, repeated.parts or None
             if given and step_s != repeated.step:
                 problems.append(
                     f"--step: the commands of {scenario} belong to steps of {repeated.step:g} s, expected none"
@@ -393,6 +482,8 @@ def _case(
             _say_version(scenario, repeated)
         else:
             loaded_ship, loaded_scenario = read_case(open_document("ship", ship or "ferry"), document, overrides)
+            if cores > 1:
+                parts = parts or ("ship" if loaded_ship.parts else str(cores))
     except InputErrors as wrong:
         raise InputErrors([*problems, *wrong.problems]) from None
     if until_s is not None and until_s > loaded_scenario.duration:
@@ -404,11 +495,27 @@ def _case(
             problems.append(
                 f"--waveforms: {start:g} s to {stop:g} s is not within the run, expected an end up to {run_end:g} s"
             )
-    if problems:
-        raise InputErrors(problems)
+    step_s = step_s or (DEFAULT_STEP if live else None)
     options: dict[str, Any] = {"fidelity": fidelity or "averaged", "step": step_s, "until": until_s}
     options |= ({"waveforms": windows} if windows else {}) | ({"outside": given} if given else {})
-    return Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
+    case = Case(loaded_ship, loaded_scenario, options | {"overrides": dict(overrides)})
+    if parts is not None:
+        try:
+            groups = parts_wanted(loaded_ship, parts, case.step)
+        except ParameterError as wrong:
+            problems.append(f"--{wrong}")
+    if problems:
+        raise InputErrors(problems)
+    if parts is not None and parts.isdecimal() and int(parts) > len(groups or [""]):
+        found = f"has {len(groups)} parts" if groups else "stays whole"
+        typer.echo(
+            f"--parts: {loaded_ship.name} {found} at steps of {1e6 * case.step:g} us: any other line would have a "
+            f"surplus above {100.0 * SURPLUS:g} %; what is to be cut all the same can be said in the ship's file",
+            err=True,
+        )
+    if groups:
+        case.options["parts"] = groups
+    return case
 
 
 def _unfinished_case(scenario: str, out: Path | None) -> tuple[str, Path | None]:
@@ -448,16 +555,25 @@ def _window(text: str, problems: list[str]) -> tuple[float, float] | None:
     return None
 
 
-def _cores(cores: str | None) -> tuple[int, ...]:
-    """The processor core that `--cores` names."""
+def _cores(text: str | None) -> tuple[int, list[int]]:
+    """How many processor cores `--cores` names, and which of them there are: the others are left out, and said."""
+    from shipgrid.assembly.crew import cores
     from shipgrid.errors import InputErrors
 
-    if cores is None:
-        return ()
-    present = range(os.cpu_count() or 1)
-    if not cores.isdecimal() or int(cores) not in present:
-        raise InputErrors([f"--cores: '{cores}' is no core of this machine, expected one of 0 to {present[-1]}"])
-    return (int(cores),)
+    if text is None:
+        return 1, []
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isdecimal() for word in words) or len({int(word) for word in words}) < len(words):
+        raise InputErrors([f"--cores: '{text}' is no list of cores, expected numbers such as 0,1,2, each once"])
+    present, asked = cores(), [int(word) for word in words]
+    found = [core for core in asked if core in present]
+    there = ", ".join(map(str, present))
+    if not found:
+        raise InputErrors([f"--cores: '{text}' is no core of this machine, expected one of {there}"])
+    if len(found) < len(asked):
+        left = ", ".join(str(core) for core in asked if core not in present)
+        typer.echo(f"--cores: there is no core {left} here ({there}); the plant is cut all the same", err=True)
+    return len(asked), found
 
 
 def _gateway(buses: dict[str, str | None], on_loss: str, timeout: str) -> Any:
@@ -543,14 +659,14 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
 
     console = Console(stderr=True)
     scenario, options = case.scenario, case.options
-    end = options["until"] or scenario.duration
-    of_scenario = scenario.step if options["fidelity"] == "averaged" else None
-    step = options["step"] or of_scenario or runner.DEFAULT_STEP
+    end, step = options["until"] or scenario.duration, case.step
     console.print(
         f"[bold]{scenario.name}[/] of {case.ship.name}: {end:g} s in {round(end / step):,} steps of {step * 1e6:g} us, "
         f"{options['fidelity']}; {len(scenario.events)} commands, {len(scenario.requirements)} requirements",
         soft_wrap=True,
     )
+    if "parts" in options:
+        _say_cut(case, len(live.cores) or 1 if live else options.get("workers", 1))
     left = [] if resume else unfinished(out or runner.default_place(scenario, options["fidelity"]))
     for folder in left:
         what = "is replaced by this run" if folder == place_of(folder) else "stays as it is"
@@ -594,6 +710,17 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
             live=live,
             **options,
         )
+
+
+def _say_cut(case: Case, threads: int) -> None:
+    """Say where the plant is cut."""
+    from shipgrid.cli.parts import show_lines
+    from shipgrid.scenarios.parts import partition_of
+
+    made = partition_of(case.ship, case.options["parts"], case.step, case.options["fidelity"], case.scenario.rules)
+    names = ", ".join(made.buses)
+    typer.echo(f"cut into {len(made.parts)} parts ({names}) on {threads} core{'s' if threads > 1 else ''}", err=True)
+    show_lines(made, case.step, stderr=True)
 
 
 def _against_reference(case: Case) -> None:

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.scenario_file import Scenario, read_case
-from shipgrid.io.ship_file import Ship, check_head
+from shipgrid.io.ship_file import Ship, check_head, read_parts
 from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
 from shipgrid.scenarios.outside import Outside, read_outside
 
-KEYS = ("schema", "fidelity", "step", "until", "version", "commit", "waveforms", "outside", "set", "ship", "scenario")
+KEYS = (
+    "schema",
+    "fidelity",
+    "step",
+    "until",
+    "version",
+    "commit",
+    "waveforms",
+    "parts",
+    "outside",
+    "set",
+    "ship",
+    "scenario",
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,8 @@ class RunFile:
         Windows [s] in which every step was recorded.
     outside : tuple of Outside
         Commands that a live run was given while it ran.
+    parts : dict of str to tuple of str
+        Buses by the name of a part, if the plant was cut.
     """
 
     ship: Ship
@@ -49,6 +64,7 @@ class RunFile:
     overrides: dict[str, str]
     waveforms: tuple[tuple[float, float], ...] = ()
     outside: tuple[Outside, ...] = ()
+    parts: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def is_run_file(document: Document) -> bool:
@@ -103,6 +119,7 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
         except (ParameterError, ValueError):
             problems.add(item.place, "waveforms", "is not a window, expected FROM:TO, such as 170 s:170.2 s")
     file = Path(document.file).parent / text("outside", "a file of commands") if "outside" in root else None
+    cut = read_parts(root, problems)
     changed = root.get("set")
     earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}
     problems.raise_if_any()
@@ -120,5 +137,5 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
         except OSError as wrong:
             raise InputErrors([f"{root.entries['outside'].place}: outside: {file} cannot be read: {wrong}"]) from wrong
     overridden = {**earlier, **dict(pairs)}
-    options = (fidelity, step, until, version, commit, overridden, tuple(windows), tuple(given))
+    options = (fidelity, step, until, version, commit, overridden, tuple(windows), tuple(given), cut)
     return RunFile(loaded_ship, loaded_scenario, *options)

@@ -34,6 +34,12 @@ def ship_schema() -> dict[str, Any]:
         "description": {"type": "string"},
         "buses": _named(_by_kind([_kind(name, cls) for name, cls in BUSBARS.items()])),
         "equipment": _named(_by_kind(items)),
+        "parts": {
+            "type": "object",
+            "description": "buses by the name of a part, for a plant that is cut to be stepped on several cores",
+            "additionalProperties": {"type": "array", "items": {"type": "string"}, "minItems": 1},
+            "minProperties": 2,
+        },
     }
     if "hull" in EQUIPMENT:
         properties["hull"] = _object(EQUIPMENT["hull"].cls)

@@ -16,10 +16,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from shipgrid.assembly.partition import divide
 from shipgrid.automation.modes import MODES, mode_commands
 from shipgrid.components.electrical.bar_meter import BarMeter
 from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
-from shipgrid.errors import ParameterError, ShipgridError
+from shipgrid.errors import ParameterError, ShipgridError, TopologyError
 from shipgrid.io.quantities import EXAMPLES, expectation, parse_quantity
 from shipgrid.io.yaml_lines import (
     Document,
@@ -69,6 +70,8 @@ NEED_HULL = ("propulsion",)
 """Kinds that push a hull."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+_PART = re.compile(rf"{_NAME.pattern}(\.{_NAME.pattern})*")
+"""Name of a part: one of its own, or that of a bus."""
 
 
 busbar = dataclass(frozen=True, kw_only=True)
@@ -139,6 +142,8 @@ class Ship:
         The hull, of the kind `hull`.
     document : Document
         The file it was read from, with the changes made since.
+    parts : mapping of str to tuple of str
+        Buses by the name of a part, for a plant that is cut; empty if the file does not say.
     """
 
     name: str
@@ -146,6 +151,7 @@ class Ship:
     equipment: Mapping[str, Any]
     hull: Any
     document: Document
+    parts: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -400,7 +406,7 @@ class _ShipReader:
 
     def read(self) -> ShipReading:
         root = self.document.root
-        name, hull = "", None
+        name, hull, parts = "", None, {}
         # Without a root there is one mistake, that of the syntax; what is missing because of it is not news.
         if root.entries:
             self.head(root)
@@ -408,6 +414,7 @@ class _ShipReader:
             self.read_buses(root)
             self.read_items(root)
             hull = self.read_hull(root)
+            parts = read_parts(root, self.problems)
             self.check_references()
             self.check_fed()
             self.check_ties(root)
@@ -415,9 +422,12 @@ class _ShipReader:
             self.check_gensets(root)
         ship = None
         if not self.problems:
-            ship = Ship(name, dict(self.buses), dict(self.items), hull, self.document)
+            ship = Ship(name, dict(self.buses), dict(self.items), hull, self.document, parts)
             try:
-                return ShipReading(ship, self.problems, ship.catalogue)
+                catalogue = ship.catalogue
+                if parts:
+                    self.check_parts(ship, root.keys["parts"])
+                return ShipReading(None if self.problems else ship, self.problems, catalogue)
             except ShipgridError as wrong:
                 self.problems.add(root.place, "", str(wrong))
         return ShipReading(None, self.problems, self.catalogue())
@@ -431,7 +441,7 @@ class _ShipReader:
         return Catalogue(_commands(named), signals, _breakers(self.kinds), unreadable, _modes(self.kinds))
 
     def head(self, root: Section) -> None:
-        check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull"))
+        check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull", "parts"))
 
     def word(self, section: Section, key: str, path: str, what: str) -> str | None:
         inside = f"{path}.{key}" if path else key
@@ -644,6 +654,15 @@ class _ShipReader:
         kinds = tuple(field.metadata["reference"])
         self.references.append(_Reference(owner, field.name, name, kinds, place, path))
 
+    def check_parts(self, ship: Ship, place: Place) -> None:
+        """The plant can be cut between its parts; at which step does not matter."""
+        network = Network(ship.name)
+        ship.build(network)
+        try:
+            divide(network, ship.parts, 1.0)
+        except TopologyError as wrong:
+            self.problems.add(place, "parts", str(wrong))
+
     def check_references(self) -> None:
         all_kinds = {**{n: k.kind for n, k in self.kinds.items()}, **self.bus_kinds}
         for reference in self.references:
@@ -745,6 +764,53 @@ def check_head(root: Section, problems: Problems, keys: tuple[str, ...]) -> None
     for key, _ in root:
         if key not in keys:
             problems.add(root.keys[key], key, f"no such key{nearest(key, keys)}")
+
+
+def read_parts(root: Section, problems: Problems) -> dict[str, tuple[str, ...]]:
+    """Buses by the name of a part, as the section `parts` of a ship or a run file has them; empty without one.
+
+    A bus that equipment makes for itself (`genset_for.terminals`) is known only once the ship is built.
+
+    Parameters
+    ----------
+    root : Section
+        Of the file.
+    problems : Problems
+        Where every mistake is added.
+    """
+    node, buses = root.get("parts"), root.get("buses")
+    if node is None:
+        return {}
+    before, expected = len(problems), "expected two parts or more, each name: [bus, ...]"
+    if not isinstance(node, Section):
+        problems.add(node.place, "parts", f"is not a mapping, {expected}")
+        return {}
+    if len(node.entries) < 2:
+        problems.add(node.place, "parts", f"is not enough, {expected}")
+    known = list(buses.entries) if isinstance(buses, Section) else None
+    found: dict[str, tuple[str, ...]] = {}
+    part_of: dict[str, str] = {}
+    for name, listed in node:
+        path = f"parts.{name}"
+        if _PART.fullmatch(name) is None:
+            problems.add(node.keys[name], path, "is not a name, expected lower-case letters, digits and _")
+        if not isinstance(listed, Listing) or not listed.items:
+            problems.add(listed.place, path, "has no buses, expected a list of them, such as [dc_for, ac_for]")
+            continue
+        for k, bus in enumerate(listed.items):
+            inside = f"{path}.{k}"
+            if not isinstance(bus, Scalar) or bus.empty:
+                problems.add(bus.place, inside, "is not one value, expected the name of a bus")
+            elif known is not None and bus.text not in known and "." not in bus.text:
+                what = f"there is no bus '{bus.text}'{nearest(bus.text, known)}, expected the name of one"
+                problems.add(bus.place, inside, what)
+            elif bus.text in part_of:
+                what = f"bus '{bus.text}' is in the part '{part_of[bus.text]}' already, expected in one part"
+                problems.add(bus.place, inside, what)
+            else:
+                part_of[bus.text] = name
+        found[name] = tuple(bus for bus, part in part_of.items() if part == name)
+    return found if len(problems) == before else {}
 
 
 def _commands(kinds: Mapping[str, EquipmentType]) -> dict[str, Command]:

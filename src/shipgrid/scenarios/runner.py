@@ -49,6 +49,7 @@ from shipgrid.scenarios.output_folder import (
     write_text,
 )
 from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
+from shipgrid.scenarios.parts import Groups, parts_wanted
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
@@ -70,7 +71,6 @@ BYTES_PER_VALUE = 2 * 16
 on, and in the results made of them, before compression."""
 
 Progress = Callable[[float, float], None]
-Groups = Mapping[str, Sequence[str]]
 
 
 class Live(Protocol):
@@ -247,7 +247,7 @@ def simulate(
     found: Callable[[float, Path], None] | None = None,
     live: Live | None = None,
     outside: Sequence[Outside] = (),
-    parts: Groups | None = None,
+    parts: str | int | Groups | None = None,
     workers: int = 1,
 ) -> Results:
     """Run a scenario on a ship and write its output folder.
@@ -284,8 +284,9 @@ def simulate(
     outside : sequence of Outside
         Commands that a live run was given while it ran, to be given again at the same steps. What an unfinished run
         was to be given, or if it was live had been, need not be named here when it is continued.
-    parts : mapping of str to sequence of str, optional
-        Names of buses by part: the plant is cut between them at stub lines.
+    parts : str, int or mapping, optional
+        What the plant is cut into, at stub lines: "ship" as its file says, a number of parts, or buses by the name of a
+        part.
     workers : int
         Threads that share the parts; what is computed does not depend on how many there are.
 
@@ -317,7 +318,8 @@ def simulate(
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
     ship = scenario.ship_at_start(ship)
-    plan = build(ship, h, fidelity, scenario.rules, parts)
+    groups = parts_wanted(ship, parts, h)
+    plan = build(ship, h, fidelity, scenario.rules, groups)
     windows = merged(waveforms, h, end)
     place = Path(out or default_place(scenario, fidelity))
     whole = {"ship": ship.text, "scenario": scenario.text, "waveforms": _spans(windows, h), **snapshot.identity(plan)}
@@ -341,7 +343,7 @@ def simulate(
             run, given = Run(plan, work), outside
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
         run.ship, run.rules, run.folder, run.workers = ship, scenario.rules, folder.path, workers
-        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, parts)
+        text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, groups)
         write_text(folder.path / MARK, text)
         if outside:
             write_text(folder.path / COMMANDS, as_lines(outside))
