@@ -168,8 +168,8 @@ def test_a_rule_in_time_is_said_with_its_band(simulated):
         (["parts", "--parts", "1"], "parts: the plant stays whole, so that there is nothing to show"),
         (["parts", "--until", "-1 s"], "--until: -1 s is not after the start"),
         (
-            ["parts", "--until", "0.01 s"],
-            "until = 0.01 s, expected more than 0.02 s: what comes before is not compared",
+            ["parts", "--until", "1 us"],
+            "until = 1e-06 s, expected a step at least",
         ),
         (["live", "--factor", "0"], "factor = 0.0, expected 0.001 to 1000"),
         (["live", "--overrun", "hope"], "there is no overrun policy 'hope', expected catch-up or re-anchor"),
