@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import crew_arguments, woven_entry
-from shipgrid.solvers.crew import LISTENING, OVER, new_posts, release
+from shipgrid.solvers.crew import LISTENING, OVER, TURN, new_posts, release
 
 FOREVER = 2**62
 
@@ -71,6 +71,7 @@ class Crew:
         return self.entry(steps, first_step, *self.arguments[0])
 
     def __enter__(self) -> Crew:
+        self.posts[:, [TURN, LISTENING]] = 0
         for worker in range(1, len(self.posts)):
             thread = threading.Thread(target=self._follow, args=[worker], name=f"shipgrid-core-{worker}", daemon=True)
             self.threads.append(thread)

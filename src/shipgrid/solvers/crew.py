@@ -15,10 +15,10 @@ import numpy as np
 from shipgrid.model import kernel
 from shipgrid.model.kernel import breathe, in_one_piece, monotonic_ns, seen, shows
 
-DONE, WRONG, BUSY = range(3)
-"""Columns of `posts`: the last step run (of the leader: released), what failed in it, or -1, and the time it took [ns]
-(of the leader: for which it waited)."""
-CROWDED, LISTENING = 3, 4
+TURN, STEP, WRONG, BUSY = range(4)
+"""Columns of `posts`: turns that the leader has released or a worker done; of the leader, the step to run; of a worker,
+what failed in it, or -1; and the time that it took, of the leader that for which it waited [ns]."""
+CROWDED, LISTENING = 4, 5
 """Columns of `posts`: 1 if the workers have to share cores; 1 once a worker has begun to wait for the leader."""
 WIDTH = 16
 OVER = -1
@@ -31,42 +31,40 @@ def new_posts(workers: int, *, crowded: bool = False) -> np.ndarray:
     """Posts of a crew that has not begun."""
     posts = in_one_piece({"posts": np.zeros((workers, WIDTH), dtype=np.int64)})["posts"]
     posts[:, CROWDED] = int(crowded)
-    posts[:, WRONG] = -1
     return posts
 
 
 @kernel
 def release(posts, done):
     """Let the others run step number `done`."""
-    shows(posts, DONE, done)
+    posts[0, STEP] = done
+    shows(posts, TURN, posts[0, TURN] + 1)
 
 
 @kernel
 def released(posts, worker):
     """Wait for a step to run; its number, or `OVER`."""
-    last = posts[worker, DONE]
+    last = posts[worker, TURN]
     posts[worker, LISTENING] = 1
     looks = 0
-    found = seen(posts, DONE)
-    while found == last:
+    while seen(posts, TURN) == last:
         looks += 1
         breathe(1 if posts[worker, CROWDED] != 0 or looks > PATIENCE else 0)
-        found = seen(posts, DONE)
     posts[worker, BUSY] = monotonic_ns()
-    return found
+    return posts[0, STEP]
 
 
 @kernel
-def arrive(posts, worker, done, wrong):
+def arrive(posts, worker, wrong):
     """Say that this worker's parts have been run."""
     posts[worker, BUSY] = monotonic_ns() - posts[worker, BUSY]
     posts[worker, WRONG] = wrong
-    shows(posts, worker * WIDTH + DONE, done)
+    shows(posts, worker * WIDTH + TURN, posts[worker, TURN] + 1)
 
 
 @kernel
-def gather(posts, done):
-    """Wait until all have run step number `done`; what failed first, by worker, or -1."""
+def gather(posts):
+    """Wait until all have run the step that was released; what failed first, by worker, or -1."""
     wrong = -1
     posts[0, BUSY] = 0
     if posts.shape[0] == 1:
@@ -74,7 +72,7 @@ def gather(posts, done):
     began = monotonic_ns()
     for worker in range(1, posts.shape[0]):
         looks = 0
-        while seen(posts, worker * WIDTH + DONE) != done:
+        while seen(posts, worker * WIDTH + TURN) != posts[0, TURN]:
             looks += 1
             breathe(1 if posts[0, CROWDED] != 0 or looks > PATIENCE else 0)
         if wrong < 0:
