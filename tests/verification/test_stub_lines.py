@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from shipgrid.assembly.plan import assemble
-from shipgrid.assembly.weave import stored_energy
+from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.network import Across, Pole
 from shipgrid.solvers.companion import GAMMA, KAPPA
@@ -27,7 +27,7 @@ def resonance(plan, near):
 
 @pytest.mark.parametrize("C", [(50e-6, 50e-6), (480e-6, 20e-6)])
 def test_a_resonance_across_a_cut_is_that_of_a_line_with_the_delay_of_a_step(C):
-    """Admittances j w C_1 and of the line ended by C_2 add up to nothing: tan(w h) (w^2 Z^2 C_1 C_2 - 1) = w Z (C_1 + C_2).
+    """Of C_1 and the line that C_2 ends the admittances are opposite: tan(w h) (w^2 Z^2 C_1 C_2 - 1) = w Z (C_1 + C_2).
 
     The integration rule has a shift of its own, second order too. In the uncut circuit it acts on the inductance and on
     the capacitances, in the cut one, whose delay is exact, on the capacitances alone: half of it.
@@ -37,11 +37,10 @@ def test_a_resonance_across_a_cut_is_that_of_a_line_with_the_delay_of_a_step(C):
     shifts, rests = [], []
     for h in (H, H / 2):
         Z = L / h
-        line = brentq(
+        line = root_scalar(
             lambda w, h=h, Z=Z: np.sin(w * h) * (w**2 * Z**2 * C[0] * C[1] - 1.0) - np.cos(w * h) * w * Z * sum(C),
-            0.8 * plain,
-            1.05 * plain,
-        )
+            bracket=(0.8 * plain, 1.05 * plain),
+        ).root
         cut, uncut = resonance(two_buses(h, CUT, C), plain), resonance(two_buses(h, None, C), plain)
         shifts.append(cut.imag / plain - 1.0)
         rests.append(abs((1.0 + shifts[-1]) / (line / plain * math.sqrt(uncut.imag / plain)) - 1.0))
@@ -68,7 +67,7 @@ def test_a_direct_current_through_a_cut_is_that_of_the_resistances():
 
 
 def test_an_alternating_current_meets_the_two_port_of_the_line_and_its_capacitance():
-    """60 Hz in 600 steps. The surplus capacitance h^2 / L takes the reactive power that the uncut cable does not give."""
+    """60 Hz in 600 steps. The surplus capacitance h^2 / L gives a reactive power that the uncut cable does not give."""
     h, omega, L = 1.0 / 36000.0, 2 * math.pi * 60.0, 0.849e-3
 
     def phasors(parts):
@@ -126,9 +125,7 @@ def test_a_contact_in_a_cut_interrupts_at_both_ends_at_once_and_the_books_close(
     interrupted = 0.5 * 100e-6 * after[0, 0] ** 2
     assert lost == pytest.approx(interrupted + 1e-3 * after[0, 0] ** 2 * H, rel=1e-9)
     left = sum(stored_energy(plan, work).values()) - energy + lost
-    # the surplus capacitance of 9 uF has a charge that no book has: with it the voltages would be 0.02 % lower
-    surplus = 0.5 * H**2 / 100e-6 * (110.0**2 - 109.0**2)
-    assert abs(left) < 0.1 * interrupted + surplus
+    assert abs(left) < 1e-3 * interrupted  # the half of a step in which the losses are not those of its end
 
 
 def test_a_contact_in_a_cut_closes_like_that_of_an_inductance_and_without_ripple():
@@ -143,7 +140,8 @@ def test_a_contact_in_a_cut_closes_like_that_of_an_inductance_and_without_ripple
     assert near[0] == pytest.approx(10.0 * H / 100e-6, rel=2e-3)  # 0.1 % falls at the capacitances, 0.03 % at R
     assert near == pytest.approx(plain, rel=2e-3)
     assert far == pytest.approx(plain, rel=2e-3)
-    assert np.max(np.abs(np.diff(near, 2))) < 2.0 * np.max(np.abs(np.diff(plain, 2)))  # a ripple has a second difference
+    # a ripple shows in the second differences
+    assert np.max(np.abs(np.diff(near, 2))) < 2.0 * np.max(np.abs(np.diff(plain, 2)))
 
 
 def test_a_cut_starts_from_a_current_under_way_as_the_uncut_circuit_does():
@@ -167,17 +165,20 @@ def test_the_energy_of_a_line_is_what_its_ends_take_in(R):
     waves = [[index[f"cable.{side}.in_{k}"] for side in ("near", "far")] for k in (1, 2)]
 
     def energy():
-        return H * Z / 4.0 * sum(b * float(np.sum(work.sig[places] ** 2)) for b, places in zip(weights, waves, strict=True))
+        squares = [float(np.sum(work.sig[places] ** 2)) for places in waves]
+        return H * Z / 4.0 * sum(b * a for b, a in zip(weights, squares, strict=True))
 
     bus = [index["a.v_dc"], index["b.v_dc"]]
     node = [int(np.flatnonzero(part.net.node_signal == place)[0]) for part, place in zip(plan.parts, bus, strict=True)]
     start, moved = energy(), 0.0
+    entry, given = woven_entry(plan), arguments(plan, work)
     for _ in range(400):
         before, stored = work.sig[bus].copy(), energy()
-        run(plan, work, 1)
+        entry(1, 0, *given)
         begun = np.array([own.net.v_stage[k] for own, k in zip(work.parts, node, strict=True)])
         taken = 0.0
-        for b, v, v_start in ((weights[0], before + (begun - before) / KAPPA, before), (weights[1], work.sig[bus], begun)):
+        stages = (before + (begun - before) / KAPPA, before), (work.sig[bus], begun)
+        for b, (v, v_start) in zip(weights, stages, strict=True):
             i = -np.array(C) * (v - v_start) / gh
             taken += H * b * float(v @ i - R * i[0] ** 2)
         assert energy() - stored == pytest.approx(taken, abs=1e-12 * start)
@@ -210,23 +211,22 @@ def random_plant(rng):
 
 def test_no_cut_makes_a_passive_circuit_unstable():
     rng = np.random.default_rng(7)
-    radii = [float(np.max(np.abs(np.linalg.eigvals(step_matrix(random_plant(rng)))))) for _ in range(60)]
-    assert max(radii) <= 1.0 + 1e-9  # eigenvalues of a matrix that is not symmetric, near 1 in slow circuits
-    assert min(radii) > 0.5  # and they are not all dead
+    matrices = (step_matrix(random_plant(rng)) for _ in range(40))
+    # eigenvalues near 1, of slow circuits, in a matrix that is not symmetric: far above rounding, far below growth
+    assert max(np.max(np.abs(np.linalg.eigvals(matrix))) for matrix in matrices) <= 1.0 + 1e-9
 
 
-def test_a_resistance_in_the_line_damps_and_a_wave_held_for_both_stages_does_not():
+def test_one_wave_for_both_stages_would_be_unstable_between_small_capacitances():
     C = (20e-9, 50e-9)  # 1 uF is the surplus of the line
-    lossless, damped = (step_matrix(two_buses(H, CUT, C, R)) for R in (0.0, 5.0))
-    held = step_matrix(two_buses(H, CUT, C), held=True)
+    own, held = (np.abs(np.linalg.eigvals(step_matrix(two_buses(H, CUT, C), held))) for held in (False, True))
+    assert max(own) <= 1.0 + 1e-9
+    assert max(held) > 1.4
 
-    def without_rest(matrix):
-        """Largest eigenvalue but the one at 1: of the charge that stays where there is nothing it could drain into."""
-        return sorted(np.abs(np.linalg.eigvals(matrix)))
 
-    assert max(without_rest(lossless)) <= 1.0 + 1e-9
-    assert sum(1 for radius in without_rest(damped) if radius > 1.0 - 1e-6) == 1
-    assert max(without_rest(held)) > 1.05
+def test_a_resistance_in_the_line_damps_as_it_does_in_a_branch():
+    values = {"C": (10e-3, 10e-3), "R": 1e-3, "L": 100e-6}
+    cut = resonance(two_buses(H, CUT, **values), 1414.0)
+    assert cut.real == pytest.approx(-values["R"] / (2.0 * values["L"]), rel=1e-3)
 
 
 def filtered(h, parts, pole):
@@ -252,7 +252,8 @@ def test_a_filter_that_is_cut_converges_to_the_uncut_one(name):
 
     def states(h, parts):
         plan = filtered(h, parts, pole)
-        assert not parts or [end.terminal for end in plan.parts[0].network.ends] == ["grid" if pole else "converter"]
+        if plan.partition:
+            assert [end.terminal for end in plan.partition.parts[0].ends] == ["grid" if pole else "converter"]
         work = started(plan, **{"command:filter.position": float(position)})
         run(plan, work, round(4.2e-3 / h))
         return work.sig[[plan.layout.index[path] for path in paths]]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import crew_arguments, woven_entry
-from shipgrid.solvers.crew import OVER, new_posts, release
+from shipgrid.solvers.crew import DONE, OVER, new_posts, release
 
 FOREVER = 2**62
 
@@ -67,9 +67,13 @@ class Crew:
 
     def __call__(self, steps: int, first_step: int) -> int:
         """Run steps; how many were, negative if the last of them failed."""
+        if self.threads and self.posts[0, DONE] == first_step + 1:  # the others take it for the step they have run
+            self.__exit__()
+            self.__enter__()
         return self.entry(steps, first_step, *self.arguments[0])
 
     def __enter__(self) -> Crew:
+        self.posts[:, DONE] = 0
         for worker in range(1, len(self.posts)):
             thread = threading.Thread(target=self._follow, args=[worker], name=f"shipgrid-core-{worker}", daemon=True)
             self.threads.append(thread)

@@ -317,7 +317,7 @@ def inductance(placed: Placed, terminal: str) -> float:
             f"{placed.path} ({kind.name}) lies between two parts and cannot be cut: expected an element whose current "
             f"at its terminal '{terminal}' is that of an inductance, a cable for instance"
         )
-    return 1.0 / abs(space.B[found, [t.name for t in kind.terminals].index(terminal)])
+    return 1.0 / abs(float(space.B[found, [t.name for t in kind.terminals].index(terminal)]))
 
 
 def end_matrices(end: LineEnd, h: float, gh: float) -> list[tuple[np.ndarray, ...]]:

@@ -75,7 +75,8 @@ def hand_over(plan: Plan, sig: np.ndarray) -> None:
         Flat vector, changed in place.
     """
     index, links = plan.layout.index, plan.step.links
-    for end in (end for part in plan.parts for end in part.network.ends if end.near):
+    assert plan.partition is not None
+    for end in (end for part in plan.partition.parts for end in part.ends if end.near):
         at = int(sig[index[end.position]]) if end.position else 0
         position = at if 0 <= at < len(end.opens) else 0
         i, slope = _current(plan, sig, end, position)

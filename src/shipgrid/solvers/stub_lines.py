@@ -21,8 +21,8 @@ capacitances is unstable (tests/verification/test_stub_lines.py).
 
 A contact in series is at both ends, which move in the same step: an end that moved a step before the other would draw
 a charge that the other does not give, and ring. While it is open no current flows and each end sends b = v / Z, as if
-the line had taken on the voltage behind the contact: it closes onto a line at rest. The first stage of the step in which
-it closes is gamma of that step long; a whole one would leave its line with a current of its own, for good:
+the line had taken on the voltage behind the contact: it closes onto a line at rest. The first stage of the step in
+which it closes is gamma of that step long; a whole one would leave its line with a current of its own, for good:
 
     a_1 <- gamma a_1 + (1 - gamma) b_1           (stub-3)
 
