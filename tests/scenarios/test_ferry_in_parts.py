@@ -13,6 +13,7 @@ from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.weave import stored_energy, woven_name
 from shipgrid.model.network import Network
 from shipgrid.scenarios.runner import build
+from shipgrid.solvers.companion import GAMMA
 
 H = 30e-6
 EVERY = 37  # steps between two samples: no multiple of any clock
@@ -30,6 +31,17 @@ def moored():
     return plan, work, assemble(net, H, parts=propose(net, 3, H))
 
 
+def stored(plan, work):
+    """Energy of everything [J], that of the surplus capacitances among it, which no book has."""
+    found, index = sum(stored_energy(plan, work).values()), plan.layout.index
+    for end in (end for part in (plan.partition.parts if plan.partition else ()) for end in part.ends if end.near):
+        waves = [work.sig[[index[f"{name}.in_{k}"] for name in (end.name, end.other)]] for k in (1, 2)]
+        line = 0.25 * end.L * sum(b * float(a @ a) for b, a in zip((1.0 - GAMMA, GAMMA), waves, strict=True))
+        i = work.sig[index[f"{end.placed.path}.{end.state}"]]
+        found += end.placed.axis_weight * (line - 0.5 * end.L * i**2)  # (stub-2); the current's part is in the books
+    return found
+
+
 def sail(plan, work, orders, workers=1):
     """Samples of every public signal, and the error of the energy balance over the energy that was supplied.
 
@@ -42,7 +54,7 @@ def sail(plan, work, orders, workers=1):
     workers : int
     """
     places = [plan.layout.index[public.source] for public in plan.network.published.values()]
-    before, rows = sum(stored_energy(plan, work).values()), []
+    before, rows = stored(plan, work), []
     with Crew(plan, work, workers) as crew:
         for seconds, commands in orders:
             for path, value in commands.items():
@@ -56,8 +68,8 @@ def sail(plan, work, orders, workers=1):
     ledger = dict.fromkeys(("supplied", "losses", "consumed"), 0.0)
     for (_, name), joule in zip(plan.energy_items, work.energy, strict=True):
         ledger[name] += joule
-    stored = sum(stored_energy(plan, work).values()) - before
-    return np.array(rows), (ledger["supplied"] - ledger["losses"] - ledger["consumed"] - stored) / ledger["supplied"]
+    gained = stored(plan, work) - before
+    return np.array(rows), (ledger["supplied"] - ledger["losses"] - ledger["consumed"] - gained) / ledger["supplied"]
 
 
 def compared(moored, orders, settled):
@@ -74,9 +86,8 @@ def compared(moored, orders, settled):
     plan, work, cut = moored
     plain, balance = sail(plan, carried_over(plan, work, plan), orders)
     parted, balance_cut = sail(cut, carried_over(plan, work, cut), orders)
-    # supplied energy is closed to 0.1 % by either, and what the cut adds is far below that
-    assert abs(balance) < 1e-3
-    assert abs(balance_cut - balance) < 1e-5
+    assert abs(balance) < 1e-3  # the requirement of the mission
+    assert abs(balance_cut - balance) < 2e-6  # beside 2e-5 that the surplus holds: 100 uF at the DC tie, 75 mJ a volt
     tail = slice(-round(settled / H / EVERY), None)
     gap = parted[tail].mean(0) - plain[tail].mean(0)
     found = {}
@@ -101,17 +112,17 @@ def assert_alike(found, surplus):
             assert abs(gap) < 2e-4, name
 
 
-def test_the_ferry_in_parts_moves_off_like_the_uncut_one(moored):
+def test_one_battery_feeds_both_parts_of_the_ferry_as_in_the_uncut_one(moored):
     plan, _, cut = moored
     assert woven_name(cut) == woven_name(plan)  # and so costs no compilation
-    gap, surplus, last = compared(moored, [(1.0, {"propulsion_for.speed_ref": 3.0})], 0.5)
+    gap, surplus, last = compared(moored, [(1.0, {"bess_for.i_ref": 40.0})], 0.5)
     assert_alike(gap, surplus)
-    assert last["hull.u_ship"] > 0.01  # it moves
+    assert last["dc_tie.i"] > 10.0  # through the cut
 
 
 def test_the_ferry_in_parts_is_the_same_on_three_threads(moored):
     plan, work, cut = moored
-    orders = [(0.1, {"propulsion_for.speed_ref": 3.0}), (0.1, {"dc_tie.close": 0.0})]
+    orders = [(0.1, {"bess_for.i_ref": 40.0}), (0.1, {"dc_tie.close": 0.0})]
     one, three = (sail(cut, carried_over(plan, work, cut), orders, workers)[0] for workers in (1, 3))
     assert np.array_equal(one, three)
 
