@@ -65,9 +65,12 @@ class Crew:
         self.arguments = [crew_arguments(plan, work, self.posts, self.crew, worker) for worker in range(workers)]
         self.joined = joined or (lambda worker: None)
         self.threads: list[threading.Thread] = []
+        self.wrong: BaseException | None = None
 
     def __call__(self, steps: int, first_step: int) -> int:
         """Run steps; how many were, negative if the last of them failed."""
+        if len(self.threads) < len(self.posts) - 1:
+            raise RuntimeError("a crew of several threads has to be entered before it is called")
         return self.entry(steps, first_step, *self.arguments[0])
 
     def __enter__(self) -> Crew:
@@ -79,6 +82,9 @@ class Crew:
         for worker, thread in enumerate(self.threads, start=1):
             while thread.is_alive() and self.posts[worker, LISTENING] == 0:
                 time.sleep(1e-4)
+        if self.wrong is not None:
+            self.__exit__()
+            raise self.wrong
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -94,5 +100,9 @@ class Crew:
         return [name for name, owner in zip(names, self.crew, strict=True) if owner == worker]
 
     def _follow(self, worker: int) -> None:
-        self.joined(worker)
+        try:
+            self.joined(worker)
+        except BaseException as wrong:  # who enters the crew raises it: the leader would wait for ever
+            self.wrong = wrong
+            return
         self.entry(FOREVER, 0, *self.arguments[worker])

@@ -118,7 +118,7 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
                 initial.extend([0.0] * GAP)
             for end in network.ends:
                 index[f"{end.name}.{name}"] = len(initial)
-                unit[f"{end.name}.{name}"], description[f"{end.name}.{name}"] = "V" if name == "v" else "A", meaning
+                unit[f"{end.name}.{name}"], description[f"{end.name}.{name}"] = meaning
                 initial.append(0.0)
 
     types = by_type(network, kinds)

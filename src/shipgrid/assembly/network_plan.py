@@ -51,11 +51,17 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     driven: list[tuple[int, int, float]] = []  # place of a state, port and rate, for every state that a port drives
 
     def add(
-        placed: Placed, space: Any, blocks: list[Any], sources: list[int], states: list[str], met: list[Any]
+        placed: Placed,
+        selector: str | None,
+        space: Any,
+        blocks: list[Any],
+        sources: list[int],
+        states: list[str],
+        met: list[Any],
     ) -> None:
-        """Add one linear element: its matrices, the places of its sources, its states, and where its ports are."""
-        selector = layout.place(placed.variant, placed.path) if placed.variant else None
-        sparse.add(blocks, len(state_signal), len(ports), sources, selector)
+        """Add one linear element: what moves its contacts, matrices, places of its sources, states, and its ports."""
+        selected = layout.place(selector, placed.path) if selector else None
+        sparse.add(blocks, len(state_signal), len(ports), sources, selected)
         places = [layout.slots["x", f"{placed.path}.{s}"] for s in states]
         state_signal.extend(places)
         for r, c in zip(*np.nonzero(space.B[:, : len(met)]), strict=True):
@@ -65,7 +71,8 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
     for placed in elements:
         space, blocks = matrices(placed.item, tuple(placed.positions))
         sources = [layout.slots["u", f"{placed.path}.{name}"] for name in space.sources]
-        add(placed, space, blocks, sources, names_of(type_of(placed.item).state), _terminals(layout, placed))
+        states = names_of(type_of(placed.item).state)
+        add(placed, placed.variant, space, blocks, sources, states, _terminals(layout, placed))
     line_port = []
     for end in ends:
         space, blocks = end_space(end, 0, step), end_matrices(end, step, gh)
@@ -75,7 +82,8 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         if end.at_node:
             met.append((end.node, layout.index[f"{end.name}.v"], layout.index[f"{end.name}.i"]))
         says = layout.index[f"{end.name}.says"]  # it meets no node: no voltage to be told
-        add(end.placed, space, blocks, sources, end.states, [*met, (PortBinding(None), says, says)])
+        met.append((PortBinding(None), says, says))
+        add(end.placed, end.position, space, blocks, sources, end.states, met)
         line_port.append(len(ports) - 1)
     n_linear_ports = len(ports)
     machine_w, machine_port = [], []
@@ -142,13 +150,13 @@ def _lines(layout: Layout, ends: list[LineEnd], line_port: list[int]) -> dict[st
     closed = np.ones((len(ends), max([len(end.placed.positions) for end in ends] or [1])), dtype=np.int64)
     for k, end in enumerate(ends):
         closed[k, : len(end.opens)] = ~np.array(end.opens)
-    variants = [end.placed.variant for end in ends]
     return {
         "line_in": _integers(places("in_1") + places("in_2"), 2, len(ends)),
         "line_out": _integers(places("out_1") + places("out_2"), 2, len(ends)),
         "line_wave": _integers(places("wave")),
         "line_port": _integers(line_port),
-        "line_select": _integers(layout.place(v, "stub line") if v else ZERO for v in variants),
+        "line_select": _integers(layout.index[end.position] if end.position else ZERO for end in ends),
+        "line_before": _integers(places("before")),
         "line_closed": closed,
         "line_state": _integers(kept),
         "line_current": _integers(outputs),

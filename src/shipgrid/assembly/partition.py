@@ -5,7 +5,8 @@ stands a stub line (`solvers/stub_lines.py`). An element can be cut at a termina
 inductance: a cable, or the grid side of a filter. Everything else goes with the buses of its item.
 
 What a part reads of another is handed over between two steps. So a sampled controller sees what it sees in the uncut
-plant; what another part's controller computes within the same step it sees a step later.
+plant; what another part's controller computes within the same step it sees a step later. A contact in an element that
+is cut moves at both ends at once, and a step later too.
 """
 
 from __future__ import annotations
@@ -110,6 +111,11 @@ class LineEnd:
         return [name for name in names_of(type_of(self.placed.item).state) if name != self.state] if self.near else []
 
     @property
+    def position(self) -> str | None:
+        """Path of the position of its contacts as the end has it, if there are any."""
+        return f"{self.name}.position" if self.placed.variant else None
+
+    @property
     def opens(self) -> list[bool]:
         """In which positions of its contacts no current flows into the line."""
         return [held is not None and self.state in held for held in self.placed.positions]
@@ -124,16 +130,18 @@ class LineEnd:
 
 
 SIGNALS = {
-    "in_1": "wave that arrives in the first stage",
-    "in_2": "wave that arrives in the second stage",
-    "wave": "wave that arrives in the stage under way",
-    "out_1": "wave that leaves in the first stage",
-    "out_2": "wave that leaves in the second stage",
-    "v": "voltage at the end",
-    "says": "current into the end; while its contact is open what it sends",
-    "i": "current into the end",
+    "in_1": ("A", "wave that arrives in the first stage"),
+    "in_2": ("A", "wave that arrives in the second stage"),
+    "position": ("1", "position of the contacts"),
+    "before": ("1", "position of the contacts in the step before"),
+    "wave": ("A", "wave that arrives in the stage under way"),
+    "out_1": ("A", "wave that leaves in the first stage"),
+    "out_2": ("A", "wave that leaves in the second stage"),
+    "v": ("V", "voltage at the end"),
+    "says": ("A", "current into the end; while its contact is open what it sends"),
+    "i": ("A", "current into the end"),
 }
-"""Signals of an end of a stub line [A], the voltage but one [V]."""
+"""Signals of an end of a stub line, with unit and meaning."""
 
 
 @dataclass
@@ -309,7 +317,7 @@ def inductance(placed: Placed, terminal: str) -> float:
             f"{placed.path} ({kind.name}) lies between two parts and cannot be cut: expected an element whose current "
             f"at its terminal '{terminal}' is that of an inductance, a cable for instance"
         )
-    return 1.0 / abs(space.B[found, [t.name for t in kind.terminals].index(terminal)])
+    return 1.0 / abs(float(space.B[found, [t.name for t in kind.terminals].index(terminal)]))
 
 
 def end_matrices(end: LineEnd, h: float, gh: float) -> list[tuple[np.ndarray, ...]]:
@@ -524,10 +532,9 @@ def _hand_out_commands(network: Network, owner: Mapping[str, int], parts: Sequen
 
 
 def _foreign(network: Network, part: Part) -> list[str]:
-    """Signals of other parts that a part's components read; and the switch of each far end's contact."""
+    """Signals of other parts that a part's components read."""
     own = {node for bus in part.buses.values() for node in bus.nodes} | {f"command:{c}" for c in part.commands}
     asked = [source for placed in part.placed.values() for source in _read(placed)]
-    asked += [str(end.placed.variant) for end in part.ends if not end.near and end.placed.variant]
     found = []
     for source in dict.fromkeys(asked):
         writer = _writer(network, source)

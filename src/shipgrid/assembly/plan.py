@@ -340,7 +340,9 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
         kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
         links=np.zeros((0, 3), dtype=np.int64),
         n_plant=len(books.groups["plant"]),
-        **rates,
+        record_every=rates["record_every"],
+        slow_every=rates["slow_every"],
+        audit_every=rates["audit_every"],
         n_energy=len(energy_items),
         tables=layout.tables,
         audited_from=layout.first,
@@ -365,12 +367,15 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
 
 
 def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
-    """Between two steps: what parts read of each other, the waves that arrive, voltages of terminals that are cut."""
+    """Between two steps: what parts read of each other; what arrives at stub lines; voltages of terminals cut."""
     found = []
     for part, layout in parts:
         found += [(layout.index[path], whole.index[path], ZERO) for path in part.foreign]
         for end in part.ends:
             found += [(whole.index[f"{end.name}.in_{k}"], whole.index[f"{end.other}.out_{k}"], ZERO) for k in (1, 2)]
+            if end.position:
+                found.append((whole.index[f"{end.name}.before"], whole.index[end.position], ZERO))
+                found.append((whole.index[end.position], whole.place(str(end.placed.variant), end.name), ZERO))
             if end.near:
                 binding = end.placed.ports[end.terminal]
                 terminal = type_of(end.placed.item).terminals[end.column]

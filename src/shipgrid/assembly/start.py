@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from shipgrid.assembly.layout import ONE, TypeLayout
+from shipgrid.assembly.partition import LineEnd
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import NORTON, type_order, type_views
+from shipgrid.model.component import type_of
 from shipgrid.model.kernel import argument_names, call_uncompiled
+from shipgrid.model.network import PortBinding
 from shipgrid.model.records import names_of
-from shipgrid.solvers.companion import stage_matrices, state_space
+from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 
 
 def settle_outputs(plan: Plan, work: Workspace) -> None:
@@ -66,7 +69,9 @@ def evaluate_outputs(plan: Plan, work: Workspace, t: TypeLayout) -> None:
 
 
 def hand_over(plan: Plan, sig: np.ndarray) -> None:
-    """Let the parts of a plant take over what they read of each other, and each stub line be at rest.
+    """Let the parts of a plant take over what they read of each other, and each stub line carry its current.
+
+    The waves are those of the step before, had the current changed in it at the rate at which it changes now.
 
     Parameters
     ----------
@@ -75,15 +80,34 @@ def hand_over(plan: Plan, sig: np.ndarray) -> None:
         Flat vector, changed in place.
     """
     index, links = plan.layout.index, plan.step.links
-    parts = plan.partition.parts if plan.partition else []
-    for end in (end for part in parts for end in part.ends if end.near):
-        i = end.senses[0] * sig[plan.layout.slots["x", f"{end.placed.path}.{end.state}"]]
-        plus, minus = (sig[index[node]] if node else 0.0 for node in (end.far_node.plus, end.far_node.minus))
-        a = (plus - minus) * plan.h / end.L  # across an inductance in a plant at rest there is next to nothing
-        for k in (1, 2):
-            sig[index[f"{end.name}.out_{k}"]] = a + i
-            sig[index[f"{end.other}.out_{k}"]] = a - i
+    assert plan.partition is not None
+    for end in (end for part in plan.partition.parts for end in part.ends if end.near):
+        at = int(sig[index[end.position]]) if end.position else 0
+        position = at if 0 <= at < len(end.opens) else 0
+        i, slope = _current(plan, sig, end, position)
+        far = _across(plan, sig, end.far_node) * plan.h / end.L
+        near = far + plan.h * slope
+        for k, ago in ((1, 1.0 - GAMMA), (2, 0.0)):
+            then = i - ago * plan.h * slope if not end.opens[position] else 0.0
+            sig[index[f"{end.name}.out_{k}"]] = near + then
+            sig[index[f"{end.other}.out_{k}"]] = far - then
     sig[links[:, 0]] = sig[links[:, 1]] - sig[links[:, 2]]
+
+
+def _current(plan: Plan, sig: np.ndarray, end: LineEnd, position: int) -> tuple[float, float]:
+    """Current that the element puts into a line at its near end, and the rate at which it changes."""
+    path, kind, space = end.placed.path, type_of(end.placed.item), state_space(end.placed.item, position)
+    x = sig[[plan.layout.slots["x", f"{path}.{name}"] for name in names_of(kind.state)]]
+    u = [_across(plan, sig, end.placed.ports[terminal.name]) for terminal in kind.terminals]
+    u += [sig[plan.layout.slots["u", f"{path}.{name}"]] for name in space.sources]
+    sense = end.senses[0]
+    return sense * x[end.row], sense * float(space.A[end.row] @ x + space.B[end.row] @ u)
+
+
+def _across(plan: Plan, sig: np.ndarray, binding: PortBinding) -> float:
+    """Voltage of a terminal that is connected like that."""
+    plus, minus = (sig[plan.layout.index[node]] if node else 0.0 for node in (binding.plus, binding.minus))
+    return (plus - minus) * (sig[plan.layout.index[binding.coefficient]] if binding.coefficient else 1.0)
 
 
 VANISHING = 1e-6

@@ -31,6 +31,7 @@ from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, i
 from shipgrid.model.network import Delayed
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, conduction, nodal, pacing, stub_lines
+from shipgrid.solvers.companion import GAMMA
 from shipgrid.solvers.crew import new_posts
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 from shipgrid.solvers.pacing import PaceWork
@@ -622,6 +623,12 @@ def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
             for i, placed in enumerate(t.placed):
                 values = {n: (part.step.tables if n == "tables" else views[f"{key}_{n}"][i]) for n in names}
                 found[placed.path] = placed.axis_weight * float(call_uncompiled(kernel, values))
+    for end in (end for part in (plan.partition.parts if plan.partition else ()) for end in part.ends if end.near):
+        # of a line what is more than the energy of the current that its element has (stub-2)
+        waves = [work.sig[[plan.layout.index[f"{name}.in_{k}"] for name in (end.name, end.other)]] for k in (1, 2)]
+        line = 0.25 * end.L * sum(b * float(a @ a) for b, a in zip((1.0 - GAMMA, GAMMA), waves, strict=True))
+        i = float(work.sig[plan.layout.slots["x", f"{end.placed.path}.{end.state}"]])
+        found[f"{end.placed.path}.surplus"] = end.placed.axis_weight * (line - 0.5 * end.L * i**2)
     for node, farad in plan.network.capacitances.items():
         path = f"{node.rsplit('.', 1)[0]}.capacitance"
         energy = 0.5 * axis_weight(node) * farad * float(work.sig[plan.layout.index[node]]) ** 2

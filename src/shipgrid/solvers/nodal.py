@@ -110,7 +110,8 @@ class NetworkPlan(NamedTuple):
     line_out: np.ndarray
     line_wave: np.ndarray  # (ends,) place of the wave of the stage under way
     line_port: np.ndarray  # port that stands for the line
-    line_select: np.ndarray  # place of the signal that selects the position of a contact, or of a zero
+    line_select: np.ndarray  # place of the position of its contacts, or of a zero; and of that in the step before
+    line_before: np.ndarray
     line_closed: np.ndarray  # (ends, positions) 1 where the contact is closed
     line_state: np.ndarray  # (ends,) places of the state and of the output that are the current, and their sense
     line_current: np.ndarray

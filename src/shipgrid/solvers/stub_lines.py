@@ -14,28 +14,36 @@ Each of the two stages of the integration rule has waves of its own: what leaves
 in the first stage of the next. So the delay is a step exactly wherever the equations are solved, and the energy of the
 line,
 
-    E = h Z / 2 sum_s b_s (a_s,near^2 + a_s,far^2),   b_s = 1 - gamma, gamma         (stub-2)
+    E = h Z / 4 sum_s b_s (a_s,near^2 + a_s,far^2),   b_s = 1 - gamma, gamma         (stub-2)
 
 changes in a step by what its ends take in, summed as the rule sums. With one wave for both stages a cut between small
 capacitances is unstable (tests/verification/test_stub_lines.py).
 
-A contact in series is at both ends. While it is open no current flows and each end sends b = v / Z, as if the line had
-taken on the voltage behind the contact: it closes onto a line at rest.
+A contact in series is at both ends, which move in the same step: an end that moved a step before the other would draw
+a charge that the other does not give, and ring. While it is open no current flows and each end sends b = v / Z, as if
+the line had taken on the voltage behind the contact: it closes onto a line at rest. The first stage of the step in
+which it closes is gamma of that step long; a whole one would leave its line with a current of its own, for good:
 
-Source: lossless line of one step [Dommel1969]; stub line [Dufour2011]; docs/theory/cores.md.
+    a_1 <- gamma a_1 + (1 - gamma) b_1           (stub-3)
+
+Source: lossless line of one step [Dommel1969]; in the place of an element, to decouple [Hui1994]; docs/theory/cores.md.
 """
 
 from __future__ import annotations
 
 from shipgrid.model import kernel
 from shipgrid.model.kernel import inlined
+from shipgrid.solvers.companion import GAMMA
 
 
 @inlined
-def first_waves(sig, line_in, line_wave):
-    """Hand each end's element the wave that arrives in the first stage."""
+def first_waves(sig, line_in, line_out, line_wave, line_select, line_before, line_closed):
+    """Hand each end's element the wave that arrives in the first stage, (stub-3) where its contact closes."""
     for k in range(line_wave.shape[0]):
-        sig[line_wave[k]] = sig[line_in[0, k]]
+        a = sig[line_in[0, k]]
+        if stands_closed(sig, k, line_select, line_closed) and not stands_closed(sig, k, line_before, line_closed):
+            a = GAMMA * a + (1.0 - GAMMA) * sig[line_out[0, k]]
+        sig[line_wave[k]] = a
 
 
 @inlined
