@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.layout import TypeLayout
+from shipgrid.assembly.partition import Part
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import evaluate_outputs, settle_outputs
 from shipgrid.assembly.weave import arguments, woven_entry
@@ -226,31 +227,31 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
             was = plan.delay_lines[path][0]
             own.step.delays[first : first + length] = work.step.delays[was : was + length]
     settle_outputs(to, made)
-    if to.network.fidelity == plan.network.fidelity:  # where its samplers are, and what they remember, goes with it
+    alike = to.network.fidelity == plan.network.fidelity
+    if alike:  # where its samplers are, and what they remember, goes with it
+        _carry_clocks(plan, work, to, made)
         for part, own in zip(to.pieces, made.pieces, strict=True):
-            _carry_clocks(plan, work, part, own, places)
+            foreign = part.network.foreign if isinstance(part.network, Part) else ()
+            read = places + [(part.layout.index[path], plan.layout.index[path]) for path in foreign]
+            for now, then in ((own.step.previous, work.step.previous), (own.step.lead, work.step.lead)):
+                now[[a for a, _ in read]] = then[[b for _, b in read]]
     if to.parts:  # the lines have begun as if nothing turned
         started = [made.sig[_counting(part)] for part in to.parts]
         advance(to, made, math.ceil(SETTLE / _pattern(plan)) * _pattern(plan))
         for part, own, counted in zip(to.parts, made.parts, started, strict=True):
             _count_from(part, own, counted)
+        if alike:  # sampling instants fall as before, and what runs every so many steps does so in the same steps
+            _carry_clocks(plan, work, to, made)
     return fresh(to, made)
 
 
-def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace, places: list[tuple[int, int]]) -> None:
-    """Let each clock of a plan go on from where the same clock of another stands."""
+def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace) -> None:
+    """Let each clock of a plan stand where the same clock of another stands."""
     was = list(zip(plan.step.clock_inc.tolist(), plan.step.clock_den.tolist(), strict=True))
-    for k, clock in enumerate(zip(to.step.clock_inc.tolist(), to.step.clock_den.tolist(), strict=True)):
-        for now, then in (
-            (made.step.clock_phase, work.step.clock_phase),
-            (made.step.clock_ahead, work.step.clock_ahead),
-        ):
-            now[k] = then[was.index(clock)]
-    for now, then in ((made.step.previous, work.step.previous), (made.step.lead, work.step.lead)):
-        now[[a for a, _ in places]] = then[[b for _, b in places]]
-    mirrored = [(to.layout.index[path], plan.layout.index[path]) for path in getattr(to.network, "foreign", ())]
-    for here, there in mirrored:
-        made.step.previous[here] = work.step.previous[there]
+    for part, own in zip(to.pieces, made.pieces, strict=True):
+        for k, clock in enumerate(zip(part.step.clock_inc.tolist(), part.step.clock_den.tolist(), strict=True)):
+            own.step.clock_phase[k] = work.step.clock_phase[was.index(clock)]
+            own.step.clock_ahead[k] = work.step.clock_ahead[was.index(clock)]
 
 
 def fresh(plan: Plan, work: Workspace) -> Workspace:
