@@ -51,8 +51,8 @@ def test_a_live_run_on_several_cores_is_the_offline_run_on_one(alone, tmp_path):
     found = json.loads((tmp_path / "live" / "summary.json").read_text())["realtime"]
     assert sorted(part for core in found["crew"] for part in core["parts"]) == sorted(PARTS)
     assert len(found["cores"]) == 3
-    for core in found["cores"]:  # of the time that all need, with waiting
-        assert 0.0 < core["mean"] < found["computation"]["mean"]
+    for core in found["cores"]:
+        assert core["worst"] >= core["p50"] > 0.0
 
 
 def test_commands_from_outside_are_repeated_at_their_steps(tmp_path):

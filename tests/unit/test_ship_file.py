@@ -416,7 +416,7 @@ def test_a_file_may_say_where_its_plant_is_cut():
             "parts: is not enough, expected two parts or more, each name: [bus, ...",
         ),
         ("{for: [dc_for], aft: [dc_aft], grid: [ac_for, ac_aft]}", "2", "parts: is not a mapping, expected two parts"),
-        ("grid: [ac_for, ac_aft]", "", "lies between the parts 'for' and 'aft', expected in one of them"),
+        ("grid: [ac_for, ac_aft]", "", "ac_for and ac_aft between the parts 'for' and 'aft', expected in one of them"),
     ],
 )
 def test_a_mistake_about_parts_is_named_by_file_line_path_and_expectation(old, new, says):

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
+from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly import crew as crew_module
 from shipgrid.assembly.crew import Crew, shared_out
 from shipgrid.assembly.partition import divide, propose
-from shipgrid.assembly.plan import assemble
+from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.weave import woven_name
 from shipgrid.components.electrical.resistor import Resistor
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.errors import TopologyError
 from shipgrid.model.network import Across, Network, Sampled
+from shipgrid.solvers.crew import CROWDED
 from verification.circuits import Hold, Sampler, SourceBranch
 from verification.parted import CUT, buses, circuit, run, started, traced, two_buses, value
 
@@ -45,7 +47,7 @@ def test_a_bus_between_two_parts_has_to_be_named():
     net = joined(CABLE)
     (c,) = buses(net, c=1e-3)
     net.add("onward", CABLE, ports={"branch": Across(net.bus("b"), c)})
-    with pytest.raises(TopologyError, match=r"b lies between the parts 'one' and 'two', expected in one of them"):
+    with pytest.raises(TopologyError, match=r"b between the parts 'one' and 'two', expected in one of them"):
         divide(net, {"one": ["a"], "two": ["c"]}, H)
 
 
@@ -206,3 +208,26 @@ def test_a_plant_in_one_piece_has_a_crew_of_one():
         assert len(crew.posts) == 1 and not crew.threads
         assert crew(100, 0) == 100
     assert np.array_equal(work.sig, other.sig)
+
+
+def test_a_plant_in_parts_is_refused_where_it_would_look_empty():
+    with pytest.raises(TopologyError, match="is cut into parts, expected the plant in one piece"):
+        operating_point(chain(), {})
+
+
+def test_a_crew_spins_on_cores_of_its_own_and_yields_on_shared_ones():
+    plan = chain()
+    for crowded in (True, False):
+        crew = Crew(plan, new_workspace(plan), 2, crowded=crowded)
+        assert set(crew.posts[:, CROWDED].tolist()) == {int(crowded)}
+    with pytest.raises(RuntimeError, match="has to be entered"):
+        crew(1, 0)
+
+
+def test_a_thread_that_cannot_begin_ends_the_others():
+    def joined(worker):
+        raise OSError("no such core")
+
+    plan = chain()
+    with pytest.raises(OSError, match="no such core"):
+        Crew(plan, new_workspace(plan), 2, joined).__enter__()

@@ -267,6 +267,7 @@ class Equations:
     """
 
     def __init__(self, plan: Plan, sig: np.ndarray, *, order: int, order_line: int):
+        plan.refuse_parts()
         self.plan, layout = plan, plan.layout
         self.size = layout.size
         self.names: dict[int, str] = {}

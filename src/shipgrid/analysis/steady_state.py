@@ -25,8 +25,6 @@ from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import DcBus
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
 
-SETTLE = 0.2
-"""Time [s] that a plant in parts is given to find the state its stub lines ask for: some cycles of its AC bars."""
 COMPLEX_STEP = 1e-40
 
 
@@ -128,6 +126,7 @@ def operating_point(
     SteadyStateError
         If it does not come to rest: names the signal that drifts most.
     """
+    plan.refuse_parts()
     work = new_workspace(plan)
     for path, value in commands.items():
         work.sig[plan.layout.place(f"command:{path}", "start")] = value
@@ -219,6 +218,7 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
     to : Plan
         At the same step, so that its delay lines are as long.
     """
+    plan.refuse_parts()
     made = new_workspace(to)
     places = [(to.layout.index[path], k) for path, k in plan.layout.index.items() if path in to.layout.index]
     made.sig[[a for a, _ in places]] = work.sig[[b for _, b in places]]
@@ -227,21 +227,13 @@ def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
             was = plan.delay_lines[path][0]
             own.step.delays[first : first + length] = work.step.delays[was : was + length]
     settle_outputs(to, made)
-    alike = to.network.fidelity == plan.network.fidelity
-    if alike:  # where its samplers are, and what they remember, goes with it
+    if to.network.fidelity == plan.network.fidelity:  # where its samplers are, and what they remember, goes with it
         _carry_clocks(plan, work, to, made)
         for part, own in zip(to.pieces, made.pieces, strict=True):
             foreign = part.network.foreign if isinstance(part.network, Part) else ()
             read = places + [(part.layout.index[path], plan.layout.index[path]) for path in foreign]
             for now, then in ((own.step.previous, work.step.previous), (own.step.lead, work.step.lead)):
                 now[[a for a, _ in read]] = then[[b for _, b in read]]
-    if to.parts:  # the lines have begun as if nothing turned
-        started = [made.sig[_counting(part)] for part in to.parts]
-        advance(to, made, math.ceil(SETTLE / _pattern(plan)) * _pattern(plan))
-        for part, own, counted in zip(to.parts, made.parts, started, strict=True):
-            _count_from(part, own, counted)
-        if alike:  # sampling instants fall as before, and what runs every so many steps does so in the same steps
-            _carry_clocks(plan, work, to, made)
     return fresh(to, made)
 
 

@@ -53,14 +53,21 @@ class Crew:
         Threads; no more than the plan has parts.
     joined : callable, optional
         Called in each of the other threads with its number before it begins.
+    crowded : bool, optional
+        Whether they have to share processor cores; judged by those that this process may use if left out.
     """
 
     def __init__(
-        self, plan: Plan, work: Workspace, workers: int = 1, joined: Callable[[int], object] | None = None
+        self,
+        plan: Plan,
+        work: Workspace,
+        workers: int = 1,
+        joined: Callable[[int], object] | None = None,
+        crowded: bool | None = None,
     ) -> None:
         workers = max(1, min(workers, len(plan.parts)))
         self.plan, self.entry = plan, woven_entry(plan)
-        self.posts = new_posts(workers, crowded=workers > len(cores()))
+        self.posts = new_posts(workers, crowded=workers > len(cores()) if crowded is None else crowded)
         self.crew = shared_out(plan, workers)
         self.arguments = [crew_arguments(plan, work, self.posts, self.crew, worker) for worker in range(workers)]
         self.joined = joined or (lambda worker: None)
@@ -75,23 +82,27 @@ class Crew:
 
     def __enter__(self) -> Crew:
         self.posts[:, [TURN, LISTENING]] = 0
-        for worker in range(1, len(self.posts)):
-            thread = threading.Thread(target=self._follow, args=[worker], name=f"shipgrid-core-{worker}", daemon=True)
-            self.threads.append(thread)
-            thread.start()
-        for worker, thread in enumerate(self.threads, start=1):
-            while thread.is_alive() and self.posts[worker, LISTENING] == 0:
-                time.sleep(1e-4)
-        if self.wrong is not None:
+        try:
+            for worker in range(1, len(self.posts)):
+                name = f"shipgrid-core-{worker}"
+                self.threads.append(threading.Thread(target=self._follow, args=[worker], name=name, daemon=True))
+                self.threads[-1].start()
+            for worker, thread in enumerate(self.threads, start=1):
+                while thread.is_alive() and self.posts[worker, LISTENING] == 0:
+                    time.sleep(1e-4)
+            if self.wrong is not None:
+                raise self.wrong
+        except BaseException:
             self.__exit__()
-            raise self.wrong
+            raise
         return self
 
     def __exit__(self, *exception: object) -> None:
         if self.threads:
             release(self.posts, OVER)
         for thread in self.threads:
-            thread.join()
+            if thread.ident is not None:  # it has been started
+                thread.join()
         self.threads.clear()
 
     def parts(self, worker: int) -> list[str]:
@@ -102,7 +113,6 @@ class Crew:
     def _follow(self, worker: int) -> None:
         try:
             self.joined(worker)
+            self.entry(FOREVER, 0, *self.arguments[worker])
         except BaseException as wrong:  # who enters the crew raises it: the leader would wait for ever
             self.wrong = wrong
-            return
-        self.entry(FOREVER, 0, *self.arguments[worker])

@@ -149,6 +149,7 @@ def _lines(layout: Layout, ends: list[LineEnd], line_port: list[int]) -> dict[st
             outputs[k] = layout.slots["y", f"{end.placed.path}.{terminal.i}"]
     closed = np.ones((len(ends), max([len(end.placed.positions) for end in ends] or [1])), dtype=np.int64)
     for k, end in enumerate(ends):
+        closed[k] = not end.opens[0]  # a position that there is not is the first
         closed[k, : len(end.opens)] = ~np.array(end.opens)
     return {
         "line_in": _integers(places("in_1") + places("in_2"), 2, len(ends)),

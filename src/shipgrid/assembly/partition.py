@@ -11,17 +11,21 @@ is cut moves at both ends at once, and a step later too.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from shipgrid.errors import TopologyError
-from shipgrid.model.component import type_of
+from shipgrid.model.component import fields_of, type_of
 from shipgrid.model.network import Network, Placed, PortBinding
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import StateSpace, stage_matrices, state_space
 
+PART_NAME = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)*")
+"""Names of parts, as of buses."""
 SURPLUS = 0.05
 """Largest capacitance of a line, over that of the better of its ends, at which a plant is cut without being told to."""
 
@@ -199,13 +203,13 @@ class Partition:
     lines: list[Surplus]
 
 
-def divide(network: Network, groups: Mapping[str, Iterable[str]], h: float) -> Partition:
+def divide(network: Network, groups: Mapping[str, Sequence[str]], h: float) -> Partition:
     """Cut a network between groups of its buses.
 
     Parameters
     ----------
     network : Network
-    groups : mapping of str to iterable of str
+    groups : mapping of str to sequence of str
         Names of buses by the name of a part. Buses that are not named go with those they are joined to.
     h : float
         Step [s].
@@ -221,6 +225,9 @@ def divide(network: Network, groups: Mapping[str, Iterable[str]], h: float) -> P
         two parts cannot be cut.
     """
     names = list(groups)
+    for name in names:
+        if isinstance(groups[name], str) or not groups[name]:
+            raise TopologyError(f"{network.name}: part '{name}' is {groups[name]!r}, expected names of buses")
     part_of = _parts_of_nodes(network, groups)
     parts = [Part(f"{network.name}, part {name}", network.fidelity) for name in names]
     owner: dict[str, int] = {}
@@ -237,8 +244,8 @@ def divide(network: Network, groups: Mapping[str, Iterable[str]], h: float) -> P
         for part, end in zip((near, far), ends, strict=True):
             parts[part].ends.append(end)
         path = placed.path.removesuffix(".alpha").removesuffix(".beta")
-        L, C = ends[0].L, h**2 / ends[0].L
-        lines[path] = Surplus(path, (names[near], names[far]), L, C, C / max(_capacitance(network, placed), 1e-300))
+        L, C, C_end = ends[0].L, h**2 / ends[0].L, _capacitance(network, placed, terminal)
+        lines[path] = Surplus(path, (names[near], names[far]), L, C, C / C_end if C_end else math.inf)
     _follow(network, part_of, owner)
     for name, bus in network.buses.items():
         parts[part_of[bus.nodes[0]]].buses[name] = bus
@@ -384,11 +391,17 @@ def _nodes(placed: Placed) -> list[str]:
     return list(dict.fromkeys(node for node in ends if node is not None))
 
 
-def _capacitance(network: Network, placed: Placed) -> float:
-    """The larger capacitance at the two ends of an inductance: of its nodes, or inside the element."""
+def _capacitance(network: Network, placed: Placed, terminal: str) -> float:
+    """The larger capacitance at the two ends of an inductance: of its nodes, or behind the terminal in its element."""
+    kind, space = type_of(placed.item), state_space(placed.item)
+    row = _behind(space, [t.name for t in kind.terminals].index(terminal))
+    fields = fields_of(kind.state)
+    inside = [] if row is None else [
+        1.0 / abs(space.A[k, row]) for k in range(len(space.A)) if fields[k].unit == "V" and space.A[k, row] != 0.0
+    ]  # fmt: skip
     found = [network.capacitances.get(node, 0.0) for b in placed.ports.values() if b.coefficient is None
              for node in (b.plus, b.minus) if node]  # fmt: skip
-    return max([*found, getattr(placed.item, "C", 0.0)])
+    return max([0.0, *found, *inside])
 
 
 class _Sets:
@@ -427,15 +440,25 @@ def _parts_of_nodes(network: Network, groups: Mapping[str, Iterable[str]]) -> di
     found: dict[str, int] = {}
     for node, k in named.items():
         if found.setdefault(sets.of(node), k) != k:
-            inside = [
-                name for name, bus in network.buses.items()
-                if sets.of(bus.nodes[0]) == sets.of(node) and bus.nodes[0] not in named
-            ]  # fmt: skip
+            inside = _between(network, named, {n for n in sets.up if sets.of(n) == sets.of(node)})
             a, b = (list(groups)[p] for p in sorted({found[sets.of(node)], k}))
             raise TopologyError(
-                f"{network.name}: {', '.join(inside)} lies between the parts '{a}' and '{b}', expected in one of them"
+                f"{network.name}: {' and '.join(inside)} between the parts '{a}' and '{b}', expected in one of them"
             )
     return {node: found.get(sets.of(node), 0) for node in sets.up}
+
+
+def _between(network: Network, named: Mapping[str, int], nodes: set[str]) -> list[str]:
+    """Buses without a part on the way from one part to another: what hangs on one side only is left out."""
+    met = [[node for node in _nodes(placed) if node in nodes] for placed in network.placed.values()]
+    left = set(nodes)
+    while True:
+        beside = {n: {m for group in met if n in group for m in group if m in left} - {n} for n in left}
+        ends = {n for n in left if n not in named and len(beside[n]) < 2}
+        if not ends:
+            break
+        left -= ends
+    return [name for name, bus in network.buses.items() if bus.nodes[0] in left - set(named)]
 
 
 def _cut(network: Network, placed: Placed, part_of: Mapping[str, int]) -> tuple[int] | tuple[int, int, str]:
@@ -469,10 +492,12 @@ def _easy_cut(network: Network, placed: Placed, h: float) -> tuple[str, str] | N
     part_of = {node: k for k, node in enumerate(nodes)}
     try:
         cut = _cut(network, placed, part_of)
-        surplus = h**2 / inductance(placed, cut[2]) if len(cut) == 3 else np.inf
+        if len(cut) < 3:
+            return None
+        surplus = h**2 / inductance(placed, cut[2])
     except TopologyError:
         return None
-    return (nodes[0], nodes[1]) if surplus <= SURPLUS * _capacitance(network, placed) else None
+    return (nodes[0], nodes[1]) if surplus <= SURPLUS * _capacitance(network, placed, cut[2]) else None
 
 
 def _follow(network: Network, part_of: Mapping[str, int], owner: dict[str, int]) -> None:

@@ -144,6 +144,17 @@ class Plan:
         """The plans that have components and nodes: the parts, or this one."""
         return self.parts or (self,)
 
+    def refuse_parts(self) -> None:
+        """Stop whoever would see an empty plant, since the components of a plant in parts are in those.
+
+        Raises
+        ------
+        TopologyError
+            If this is one.
+        """
+        if self.parts:
+            raise TopologyError(f"{self.network.name} is cut into parts, expected the plant in one piece")
+
     @property
     def record_period(self) -> dict[str, float]:
         """Sampling period [s] of each recorder group."""
@@ -176,7 +187,9 @@ class Workspace:
 
     def snapshot(self) -> Workspace:
         """An independent copy."""
-        return copy.deepcopy(self)
+        found = copy.deepcopy(self)
+        _separate(found)
+        return found
 
 
 CHUNK_ROWS = 512
@@ -193,7 +206,7 @@ def assemble(
     record: float = 0.1,
     record_slow: float = 1.0,
     audit: float = BOOKKEEPING_PERIOD,
-    parts: Mapping[str, Iterable[str]] | None = None,
+    parts: Mapping[str, Sequence[str]] | None = None,
 ) -> Plan:
     """Turn a network into a plan.
 
@@ -207,7 +220,7 @@ def assemble(
         Sampling periods [s] of the recorder groups `plant` and `slow`.
     audit : float
         Period [s] of the bookkeeping: energy audit, limiter and event log, check for absurd values.
-    parts : mapping of str to iterable of str, optional
+    parts : mapping of str to sequence of str, optional
         Names of buses by part: the plant is cut between them, so that each part can have a core of its own.
 
     Returns
@@ -369,8 +382,7 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
 def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
     """Between two steps: what parts read of each other; what arrives at stub lines; voltages of terminals cut."""
     found = []
-    for part, layout in parts:
-        found += [(layout.index[path], whole.index[path], ZERO) for path in part.foreign]
+    for part, _ in parts:
         for end in part.ends:
             found += [(whole.index[f"{end.name}.in_{k}"], whole.index[f"{end.other}.out_{k}"], ZERO) for k in (1, 2)]
             if end.position:
@@ -381,6 +393,8 @@ def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
                 terminal = type_of(end.placed.item).terminals[end.column]
                 nodes = (whole.index[node] if node else ZERO for node in (binding.plus, binding.minus))
                 found.append((whole.slots["u", f"{end.placed.path}.{terminal.v}"], *nodes))
+    for part, layout in parts:  # last: what they read may have been handed over itself
+        found += [(layout.index[path], whole.index[path], ZERO) for path in part.foreign]
     return np.array(found, dtype=np.int64).reshape(-1, 3)
 
 
@@ -389,10 +403,15 @@ def new_workspace(plan: Plan) -> Workspace:
     sig = plan.layout.initial.copy()
     work = _workspace(plan, sig)
     work.parts = tuple(_workspace(part, sig) for part in plan.parts)
-    for part in work.parts:  # each is written by a core of its own
+    _separate(work)
+    return work
+
+
+def _separate(work: Workspace) -> None:
+    """Give what each part writes cache lines of its own: each is written by a core of its own."""
+    for part in work.parts:
         part.net = NetworkWork(**in_one_piece(part.net._asdict()))
         part.step = StepWork(**in_one_piece(part.step._asdict()))
-    return work
 
 
 def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:

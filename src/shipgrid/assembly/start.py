@@ -91,7 +91,8 @@ def hand_over(plan: Plan, sig: np.ndarray) -> None:
             then = i - ago * plan.h * slope if not end.opens[position] else 0.0
             sig[index[f"{end.name}.out_{k}"]] = near + then
             sig[index[f"{end.other}.out_{k}"]] = far - then
-    sig[links[:, 0]] = sig[links[:, 1]] - sig[links[:, 2]]
+    for to, plus, minus in links:
+        sig[to] = sig[plus] - sig[minus]
 
 
 def _current(plan: Plan, sig: np.ndarray, end: LineEnd, position: int) -> tuple[float, float]:

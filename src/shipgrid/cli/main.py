@@ -107,7 +107,7 @@ def run(
             _against_reference(case)
             return
         if threads > 1 and "parts" not in case.options:
-            _refuse("--threads: the plant is in one piece, expected --parts too")
+            _refuse("--threads: the plant is in one piece, expected --parts 2 or more, or --parts ship")
         if threads > 1:
             case.options["workers"] = min(len(case.options["parts"]), threads)
         results = _simulate(case, out, report=not no_report, resume=resume)
@@ -173,7 +173,7 @@ def live(
         if resume:
             scenario, out = _unfinished_case(scenario, out)
         case = _case(scenario, ship, fidelity, step, until, set_ or [], waveforms or [], parts, asked, live=True)
-        executive.cores = found[: len(case.options.get("parts", "1"))]
+        executive.cores = found[: max(1, len(case.options.get("parts") or ()))]
         for core in found[len(executive.cores) :]:
             typer.echo(f"--cores: the plant has no part for core {core}", err=True)
         place = out or Path(f"results/{case.scenario.name}-live")
@@ -795,6 +795,9 @@ def _say_realtime(found: dict[str, Any]) -> None:
         return "" if seconds is None else f"{more}{1e6 * seconds:.2f}"
 
     rows = [(name, *(micro(p, found[name].get(p)) for p in PERCENTILES)) for name in NAMES]
+    for k, (who, core) in enumerate(zip(found.get("crew", ()), found.get("cores", ()), strict=True), start=1):
+        name = f"core {k} ({who['core']}): {', '.join(who['parts'])}"
+        rows.append((name, *(micro(p, core.get(p)) for p in PERCENTILES)))
     listing.table("time of a step, us", ("", *PERCENTILES), rows)
     for worst in found["worst_steps"][:WORST_SHOWN]:
         took = f"{1e6 * worst['computation_s']:.1f} us"

@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any
 
 from shipgrid.analysis.requirements import MEASURES, PAIRS, RULES
+from shipgrid.assembly.partition import PART_NAME
 from shipgrid.automation.modes import MODES
 from shipgrid.automation.power_management import RULES as PLANT_RULES
 from shipgrid.equipment.declaration import EQUIPMENT
@@ -37,6 +38,7 @@ def ship_schema() -> dict[str, Any]:
         "parts": {
             "type": "object",
             "description": "buses by the name of a part, for a plant that is cut to be stepped on several cores",
+            "propertyNames": {"pattern": f"^{PART_NAME.pattern}$"},
             "additionalProperties": {"type": "array", "items": {"type": "string"}, "minItems": 1},
             "minProperties": 2,
         },

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from shipgrid.assembly.partition import divide
+from shipgrid.assembly.partition import PART_NAME, divide
 from shipgrid.automation.modes import MODES, mode_commands
 from shipgrid.components.electrical.bar_meter import BarMeter
 from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
@@ -70,7 +70,6 @@ NEED_HULL = ("propulsion",)
 """Kinds that push a hull."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_PART = re.compile(rf"{_NAME.pattern}(\.{_NAME.pattern})*")
 """Name of a part: one of its own, or that of a bus."""
 
 
@@ -792,7 +791,7 @@ def read_parts(root: Section, problems: Problems) -> dict[str, tuple[str, ...]]:
     part_of: dict[str, str] = {}
     for name, listed in node:
         path = f"parts.{name}"
-        if _PART.fullmatch(name) is None:
+        if PART_NAME.fullmatch(name) is None:
             problems.add(node.keys[name], path, "is not a name, expected lower-case letters, digits and _")
         if not isinstance(listed, Listing) or not listed.items:
             problems.add(listed.place, path, "has no buses, expected a list of them, such as [dc_for, ac_for]")

@@ -27,6 +27,7 @@ import numpy as np
 
 from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.crew import Crew
+from shipgrid.assembly.crew import cores as usable
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
@@ -324,13 +325,15 @@ class _Steps(threading.Thread):
 
     def _sail(self) -> None:
         executive, plan, work = self.executive, self.plant.plan, self.plant.work
-        cores = list(executive.cores) or [None]
-        settled = {0: settle(cores[0])}
+        cores, workers = list(executive.cores) or [None], executive.workers(plan)
+        spare = workers < len(usable())
+        settled: dict[int, dict[str, str]] = {}
 
         def joined(worker: int) -> None:
-            settled[worker] = settle(cores[worker])
+            settled[worker] = settle(cores[worker], spare=spare)
 
-        with Crew(plan, work, executive.workers(plan), joined) as crew:
+        with Crew(plan, work, workers, joined, crowded=workers > max(1, len(set(executive.cores)))) as crew:
+            joined(0)  # after the others have begun: a thread inherits the cores of the one that starts it
             self.found["scheduling"] = settled[0]
             if len(settled) > 1:
                 self.found["crew"] = [settled[w] | {"parts": crew.parts(w)} for w in sorted(settled)]
@@ -446,13 +449,15 @@ def _quiet() -> Iterator[None]:
         sys.setswitchinterval(interval)
 
 
-def settle(core: int | None) -> dict[str, str]:
+def settle(core: int | None, *, spare: bool = True) -> dict[str, str]:
     """Ask the system for what helps this thread to be on time, and say what was granted.
 
     Parameters
     ----------
     core : int, optional
         Processor core to stay on.
+    spare : bool
+        Whether a core is left for the rest of the machine: without one a thread that never sleeps has no priority.
 
     Returns
     -------
@@ -465,14 +470,16 @@ def settle(core: int | None) -> dict[str, str]:
             os.sched_setaffinity(0, {core})
             found["core"] = str(core)
         except OSError as wrong:
-            found["core"] = f"any: core {core}: {wrong.strerror}"
+            found["core"] = f"{', '.join(map(str, usable()))}: core {core}: {wrong.strerror}"
     if not sys.platform.startswith("linux"):
         return found
     try:
         runtime = int(Path("/proc/sys/kernel/sched_rt_runtime_us").read_text())
     except OSError:
         runtime = 0
-    if runtime != -1:
+    if not spare:
+        found["priority"] = "normal: no core is left for the rest of the machine"
+    elif runtime != -1:
         # a thread that never sleeps is stopped for the rest of each period: 50 ms of every second by default
         found["priority"] = "normal: kernel.sched_rt_runtime_us is not -1"
     else:

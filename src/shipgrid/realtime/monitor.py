@@ -98,7 +98,8 @@ def figures(pace: PaceWork, h: float, factor: float) -> dict[str, Any]:
     found["cores"] = [
         {label: percentile(histogram, share) for label, share in PERCENTILES.items()}
         | {"mean": 1e-9 * int(computed) / steps, "duty": 1e-9 * int(computed) / steps * factor / h}
-        for histogram, computed in zip(pace.core_histogram, pace.core_computed, strict=False)
+        | {"worst": 1e-9 * int(worst)}
+        for histogram, computed, worst in zip(pace.core_histogram, pace.core_computed, pace.core_worst, strict=False)
     ]
     found |= {
         "overruns": int(p.overruns),

@@ -111,6 +111,8 @@ class _Side:
         window = Window(n + 1 if n else 0, last, "waveforms")
         self.kept.clear()
         go(self.run, self.due, last * plan.h, self, windows=[window])
+        if self.run.interrupted:
+            raise KeyboardInterrupt
         if self.run.failure:
             raise SolverError(self.run.failure)
         times, rows = zip(*self.kept, strict=True)

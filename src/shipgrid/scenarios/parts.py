@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shipgrid.assembly.partition import Partition, divide, propose
+from shipgrid.assembly.partition import PART_NAME, Partition, divide, propose
 from shipgrid.automation.power_management import equip
 from shipgrid.errors import ParameterError
 from shipgrid.model.network import Network
@@ -37,6 +37,9 @@ def parts_wanted(ship: Any, asked: str | int | Groups | None, step: float) -> di
         return None
     if isinstance(asked, Mapping):
         groups = {name: tuple(buses) for name, buses in asked.items()}
+        for name, buses in asked.items():
+            if not PART_NAME.fullmatch(name) or isinstance(buses, str) or not buses:
+                raise ParameterError(f"parts: '{name}': {buses!r}, expected a lower-case name and a list of buses")
     elif asked == SHIP:
         groups = dict(ship.parts)
         if not groups:

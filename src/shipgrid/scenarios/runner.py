@@ -80,6 +80,10 @@ class Live(Protocol):
         """Columns and period [s] of the groups that are recorded besides the plant's."""
         ...
 
+    def workers(self, plan: Plan) -> int:
+        """Threads that share a plant."""
+        ...
+
     def __call__(
         self,
         run: Run,
@@ -288,7 +292,7 @@ def simulate(
         What the plant is cut into, at stub lines: "ship" as its file says, a number of parts, or buses by the name of a
         part.
     workers : int
-        Threads that share the parts; what is computed does not depend on how many there are.
+        Threads that share the parts; what is computed does not depend on how many there are. A live run has its own.
 
     Returns
     -------
@@ -342,13 +346,14 @@ def simulate(
             work, drift = start(plan, ship, scenario)
             run, given = Run(plan, work), outside
             saved = {"startup_s": 0.0, "drift": drift, "before": stored_energy(plan, work), "continued_at_s": []}
-        run.ship, run.rules, run.folder, run.workers = ship, scenario.rules, folder.path, workers
+        run.ship, run.rules, run.folder = ship, scenario.rules, folder.path
+        run.workers = live.workers(plan) if live else workers
         text = _run_yaml(ship, scenario, fidelity, h, end, overrides or {}, about, waveforms, groups)
         write_text(folder.path / MARK, text)
         if outside:
             write_text(folder.path / COMMANDS, as_lines(outside))
         if planned is not None:
-            planned(time_of_a_step(plan, work, workers=workers) * (round(end / h) - work.n))
+            planned(time_of_a_step(plan, work, workers=run.workers) * (round(end / h) - work.n))
         folder.unfinished.mkdir(exist_ok=True)
         columns, periods = _recorded(plan, windows)
         if live is not None:

@@ -86,7 +86,8 @@ class PaceWork(NamedTuple):
     pacer: np.ndarray  # (1,) of PACER
     pace_histogram: np.ndarray  # (3, bins) steps by computation, idle, lateness; what is beyond is in the last bin
     core_histogram: np.ndarray  # (cores, bins) steps by what each core computed, where there are several
-    core_computed: np.ndarray  # (cores,) sum of that [ns]
+    core_computed: np.ndarray  # (cores,) sum of that, and the longest [ns]
+    core_worst: np.ndarray
     pace_window: np.ndarray  # (3, cores x COLUMNS): low, high, sum since the last row
     pace_rows: np.ndarray  # (4, rows, cores x COLUMNS): means, lows, highs, means
     pace_count: np.ndarray  # (1,) rows so far
@@ -131,6 +132,7 @@ def pace_work(*, bins: int, windows: int, worst: int, commands: int, signals: in
         pace_histogram=np.zeros((3, bins), np.int64),
         core_histogram=np.zeros((cores if cores > 1 else 0, bins), np.int64),
         core_computed=np.zeros(cores, np.int64),
+        core_worst=np.zeros(cores, np.int64),
         pace_window=window,
         pace_rows=np.zeros((4, windows, cores * COLUMNS)),
         pace_count=np.zeros(1, np.int64),
@@ -211,6 +213,7 @@ def end_step(
     pace_histogram,
     core_histogram,
     core_computed,
+    core_worst,
     pace_window,
     pace_rows,
     pace_count,
@@ -270,7 +273,11 @@ def end_step(
     count(pace_histogram, LATENESS, late)
     for core in range(posts.shape[0]):
         own = computation - posts[0, BUSY] if core == 0 else posts[core, BUSY]  # the leader has waited for the others
+        if p.virtual != 0:
+            own = computation
         core_computed[core] += own
+        if own > core_worst[core]:
+            core_worst[core] = own
         if core < core_histogram.shape[0]:
             count(core_histogram, core, own)
         bound(pace_window, core * COLUMNS + COMPUTATION, 1e-9 * own)

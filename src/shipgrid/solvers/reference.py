@@ -131,6 +131,7 @@ def reference_run(
     SolverError
         If the integration fails, or no state of the diodes holds.
     """
+    plan.refuse_parts()
     plant = _Plant(plan, work.snapshot())
     names = list(signals) if signals is not None else [*plan.layout.nodes, *sorted(plan.layout.states)]
     places = np.array([plan.layout.place(name, "reference run") for name in names], dtype=np.int64)
