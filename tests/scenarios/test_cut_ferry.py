@@ -48,7 +48,7 @@ def test_the_cut_hardly_shows_on_the_buses(deviations):
 def test_at_switching_fidelity_the_cut_moves_edges_and_hardly_shows_on_the_buses():
     ship, scenario = sg.load_ship(), sg.load_scenario("mission")
     found = {d.signal: d for d in against_uncut(ship, scenario, ship.parts, 0.05, fidelity="switching")}
-    # a modulation that differs in the fifth digit moves edges: powers, means over a step, differ by part of their ripple
+    # a modulation that differs in the fifth digit moves edges: powers, means of a step, differ by part of their ripple
     assert found["inverter_for.p_dc"].rms < 100.0 and found["inverter_for.q_ac"].rms < 150.0
     assert found["dc_for.v_dc"].relative < 2e-5 and found["ac_for.v_rms_pu"].largest < 5e-4
 

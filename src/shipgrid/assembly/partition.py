@@ -450,15 +450,17 @@ def _parts_of_nodes(network: Network, groups: Mapping[str, Iterable[str]]) -> di
 
 def _between(network: Network, named: Mapping[str, int], nodes: set[str]) -> list[str]:
     """Buses without a part on the way from one part to another: what hangs on one side only is left out."""
-    met = [[node for node in _nodes(placed) if node in nodes] for placed in network.placed.values()]
-    left = set(nodes)
+    bus_of = {node: name for name, bus in network.buses.items() for node in bus.nodes}
+    met = [{bus_of[node] for node in _nodes(placed) if node in nodes} for placed in network.placed.values()]
+    mine = {bus_of[node] for node in named}
+    left = {bus_of[node] for node in nodes}
     while True:
-        beside = {n: {m for group in met if n in group for m in group if m in left} - {n} for n in left}
-        ends = {n for n in left if n not in named and len(beside[n]) < 2}
+        beside = {n: set().union(*(group for group in met if n in group)) & left - {n} for n in left}
+        ends = {n for n in left - mine if len(beside[n]) < 2}
         if not ends:
             break
         left -= ends
-    return [name for name, bus in network.buses.items() if bus.nodes[0] in left - set(named)]
+    return [name for name in network.buses if name in left - mine]
 
 
 def _cut(network: Network, placed: Placed, part_of: Mapping[str, int]) -> tuple[int] | tuple[int, int, str]:
