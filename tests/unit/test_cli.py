@@ -274,7 +274,7 @@ def test_parts_and_lines_are_shown_before_anything_is_sailed():
     result = shipgrid("parts", "--step", "30us", "--until", "0 s")
     assert result.exit_code == 0, result.output
     lines = [line.split() for line in result.stdout.splitlines()]
-    assert ["grid", "ac_for,", "ac_aft", "9", "2"] in lines
+    assert ["grid", "ac_for,", "ac_aft", "9", "0"] in lines
     assert ["dc_tie.branch", "for", "and", "aft", "9", "uH", "100", "uF", "0.588", "%"] in lines  # C = h2/L, over 17 mF
     assert "Cut minus whole" not in result.stdout
 

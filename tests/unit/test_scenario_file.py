@@ -238,7 +238,9 @@ def test_a_scenario_is_checked_again_for_another_ship(ship):
     scenario = reading(SHORT, ship).checked()
     ferry = bundled("ship")["ferry"].read_text()
     without_aft = "\n".join(
-        line for line in ferry.splitlines() if not any(word in line for word in ("_aft:", "dc_tie:", "ac_tie:"))
+        line
+        for line in ferry.splitlines()
+        if not any(word in line for word in ("_aft:", "dc_tie:", "ac_tie:", "parts:"))
     )
     smaller = read_ship(read_text(without_aft, "small.yaml")).checked()
     with pytest.raises(InputErrors, match=r"start\.closed\.0: no breaker 'dc_tie'"):

@@ -71,8 +71,8 @@ def identity(plan: Plan) -> dict[str, Any]:
         "elements": elements,
         **({"parts": {k: ", ".join(v) for k, v in plan.partition.buses.items()}} if plan.partition else {}),
         "numbers": {
-            f"{piece.network.name}: {name}": hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
-            for piece in (*plan.parts, plan)
+            f"{of}{name}": hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
+            for of, piece in [("", plan), *((f"{part.network.name}: ", part) for part in plan.parts)]
             for part in (piece.net._asdict(), piece.step._asdict(), {"commands": piece.layout.initial})
             for name, value in part.items()
         },
