@@ -13,6 +13,7 @@ from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.network import Across, Pole
 from shipgrid.solvers.companion import GAMMA, KAPPA
+from shipgrid.solvers.stub_lines import first_waves
 from verification.circuits import Hold, SourceBranch, Wave
 from verification.parted import CUT, FILTER, buses, circuit, run, started, step_matrix, traced, two_buses, value
 
@@ -142,6 +143,27 @@ def test_a_contact_in_a_cut_closes_like_that_of_an_inductance_and_without_ripple
     assert far == pytest.approx(plain, rel=2e-3)
     # a ripple shows in the second differences
     assert np.max(np.abs(np.diff(near, 2))) < 2.0 * np.max(np.abs(np.diff(plain, 2)))
+
+
+def test_a_step_that_is_solved_again_begins_from_the_same_waves():
+    """While a contact closes, the first solution leaves its own wave where the last step's was."""
+    plan = switched(CUT)
+    work = started(plan, **{"command:c.open": 1.0}, a__v_dc=110.0, b__v_dc=100.0)
+    run(plan, work, 5)
+    work.sig[plan.layout.index["command:c.open"]] = 0.0
+    run(plan, work, 1)  # the position has been handed over: the next step closes
+    begun = []
+    for left in (0.0, 1e3):
+        for part in plan.parts:
+            net = part.net
+            work.sig[net.line_out[0]] += left
+            sig = work.sig.copy()
+            first_waves.py_func(
+                sig, net.line_in, net.line_sent, net.line_wave, net.line_select, net.line_before, net.line_closed
+            )
+            begun.append(sig[net.line_wave])
+            assert not np.array_equal(sig[net.line_wave], sig[net.line_in[0]])  # it does close
+    assert np.array_equal(begun[:2], begun[2:])
 
 
 def test_a_cut_starts_from_a_current_under_way_as_the_uncut_circuit_does():

@@ -154,7 +154,7 @@ def fundamental(time: np.ndarray, value: np.ndarray) -> float | None:
     alternating = value - level
     if np.max(np.abs(alternating)) <= NOTHING * max(abs(level), 1e-9):
         return None
-    n = _fast(4 * len(time))
+    n = 1 << (4 * len(time) - 1).bit_length()  # a power of two, whose transform is fast
     size = np.abs(np.fft.rfft(alternating * np.hanning(len(time)), n))
     span = n * h
     lowest = math.ceil(LEAST_CYCLES * n / len(time))
@@ -222,11 +222,6 @@ def spectrum(time: np.ndarray, value: np.ndarray, f_1: float, *, mean_of_step: b
         lines = lines / np.sinc(np.arange(count) * h / T)
         squares += 0.5 * float(np.sum(np.abs(lines[1:]) ** 2) - before)
     return Spectrum(f_1, cycles, mean, math.sqrt(max(squares, 0.0)), lines, float(time[first]))
-
-
-def _fast(n: int) -> int:
-    """The next power of two, whose Fourier transform is fast."""
-    return 1 << (n - 1).bit_length()
 
 
 def ripple(time: np.ndarray, value: np.ndarray, f: float) -> tuple[float, float]:

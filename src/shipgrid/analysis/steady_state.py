@@ -141,13 +141,14 @@ def operating_point(
     started = work.sig[counting].copy()
 
     worst, name = np.inf, ""
-    advance(plan, work, 2.0)
+    run_on = advancing(plan, work)
+    run_on(2.0)
     while work.n * plan.h < longest:
         continuous_newton(plan, work)
-        advance(plan, work, 0.5)
+        run_on(0.5)
         work.sig[counting] = started
         before = work.sig[places].copy()
-        advance(plan, work, pattern)
+        run_on(pattern)
         after = work.sig[places]
         drifts = np.abs(after - before) / np.maximum(np.abs(after), 1.0) / pattern
         worst = float(np.max(drifts, initial=0.0))  # a plant without controllers has none that drifts

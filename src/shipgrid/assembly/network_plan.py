@@ -158,6 +158,7 @@ def _lines(layout: Layout, ends: list[LineEnd], line_port: list[int]) -> dict[st
         "line_port": _integers(line_port),
         "line_select": _integers(layout.index[end.position] if end.position else ZERO for end in ends),
         "line_before": _integers(places("before")),
+        "line_sent": _integers(places("sent")),
         "line_closed": closed,
         "line_state": _integers(kept),
         "line_current": _integers(outputs),

@@ -138,6 +138,7 @@ SIGNALS = {
     "in_2": ("A", "wave that arrives in the second stage"),
     "position": ("1", "position of the contacts"),
     "before": ("1", "position of the contacts in the step before"),
+    "sent": ("A", "wave that left in the first stage of the step before"),
     "wave": ("A", "wave that arrives in the stage under way"),
     "out_1": ("A", "wave that leaves in the first stage"),
     "out_2": ("A", "wave that leaves in the second stage"),

@@ -386,6 +386,7 @@ def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
         for end in part.ends:
             found += [(whole.index[f"{end.name}.in_{k}"], whole.index[f"{end.other}.out_{k}"], ZERO) for k in (1, 2)]
             if end.position:
+                found.append((whole.index[f"{end.name}.sent"], whole.index[f"{end.name}.out_1"], ZERO))
                 found.append((whole.index[f"{end.name}.before"], whole.index[end.position], ZERO))
                 found.append((whole.index[end.position], whole.place(str(end.placed.variant), end.name), ZERO))
             if end.near:

@@ -748,7 +748,8 @@ def _against_reference(case: Case) -> None:
 
 
 def _duration(seconds: float) -> str:
-    return f"{seconds:.2g} s" if seconds < 60.0 else f"{seconds // 60.0:.0f} min {seconds % 60.0:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{seconds:.2g} s"
 
 
 def _say_results(results: Any) -> None:

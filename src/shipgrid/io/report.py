@@ -293,7 +293,8 @@ def seconds(value: float | None) -> str:
         return "–"
     if value < 120.0:
         return f"{value:.3g} s"
-    return f"{int(value // 60)} min {value % 60:.0f} s"
+    minutes, rest = divmod(round(value), 60)
+    return f"{minutes} min {rest} s"
 
 
 def clock(value: float | None) -> str:

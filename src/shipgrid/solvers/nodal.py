@@ -112,6 +112,7 @@ class NetworkPlan(NamedTuple):
     line_port: np.ndarray  # port that stands for the line
     line_select: np.ndarray  # place of the position of its contacts, or of a zero; and of that in the step before
     line_before: np.ndarray
+    line_sent: np.ndarray  # place of the wave that left in the first stage of the step before
     line_closed: np.ndarray  # (ends, positions) 1 where the contact is closed
     line_state: np.ndarray  # (ends,) places of the state and of the output that are the current, and their sense
     line_current: np.ndarray

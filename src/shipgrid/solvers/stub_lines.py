@@ -37,12 +37,15 @@ from shipgrid.solvers.companion import GAMMA
 
 
 @inlined
-def first_waves(sig, line_in, line_out, line_wave, line_select, line_before, line_closed):
-    """Hand each end's element the wave that arrives in the first stage, (stub-3) where its contact closes."""
+def first_waves(sig, line_in, line_sent, line_wave, line_select, line_before, line_closed):
+    """Hand each end's element the wave that arrives in the first stage, (stub-3) where its contact closes.
+
+    A step that is solved again, since a blocked leg changed its state, begins from the same waves.
+    """
     for k in range(line_wave.shape[0]):
         a = sig[line_in[0, k]]
         if stands_closed(sig, k, line_select, line_closed) and not stands_closed(sig, k, line_before, line_closed):
-            a = GAMMA * a + (1.0 - GAMMA) * sig[line_out[0, k]]
+            a = GAMMA * a + (1.0 - GAMMA) * sig[line_sent[k]]
         sig[line_wave[k]] = a
 
 
