@@ -250,10 +250,14 @@ def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace) -> Non
 def fresh(plan: Plan, work: Workspace) -> Workspace:
     """The same state with the clock at zero and empty logs."""
     work.n = 0
-    for step in (piece.step for piece in (*work.parts, work)):
+    for of, piece in zip((*plan.parts, plan), (*work.parts, work), strict=True):
+        piece.step.booked[:] = of.step.audit_every == 1
+        step = piece.step
+        piece.net.stranded_first[:] = piece.net.stranded_last[:] = 0
         step.rows[:] = 0
         step.interval[:] = np.inf, -np.inf, 0.0
         step.energy[:] = 0.0
+        step.exchanged[:] = 0.0
         step.limiter_time[:] = 0.0
         step.limiter_was[:] = 0.0
         step.event_count[0] = 0

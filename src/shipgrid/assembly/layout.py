@@ -51,6 +51,10 @@ class Layout:
         Unit and meaning of every signal.
     network_signals : set of int
         Places of node voltages, element states and port quantities: what a sampled controller measures between steps.
+    angles : set of int
+        Places of the states that rotate: between -pi and pi, and the same after a whole turn.
+    smooth : set of int
+        Places of what does not jump in the network: states of elements, voltages of nodes with capacitance.
     """
 
     size: int
@@ -61,6 +65,8 @@ class Layout:
     types: list[TypeLayout]
     nodes: list[str]
     network_signals: set[int]
+    angles: set[int]
+    smooth: set[int]
     states: set[str]
     slots: dict[tuple[str, str], int]  # place of a field by kind of record ("x", "u", "y") and path
     tables: np.ndarray
@@ -101,11 +107,13 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
         index[f"command:{command}"] = len(initial)
         initial.append(value)
     nodes = [node for bus in network.buses.values() for node in bus.nodes]
-    network_signals = set()
+    network_signals, smooth = set(), set()
     for node in nodes:
         index[node] = len(initial)
         unit[node], description[node] = "V", "node voltage"
         network_signals.add(len(initial))
+        if network.capacitances.get(node, 0.0) > 0.0:
+            smooth.add(len(initial))
         initial.append(0.0)
 
     if isinstance(network, Part):
@@ -123,6 +131,7 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
 
     types = by_type(network, kinds)
     states: set[str] = set()
+    angles: set[int] = set()
     slots: dict[tuple[str, str], int] = {}
     tables: list[np.ndarray] = []
     for t in types:
@@ -145,6 +154,9 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
                     slots[part, path] = len(initial) + k
                     if part == "x" and kind.terminals:
                         network_signals.add(len(initial) + k)
+                        smooth.add(len(initial) + k)
+                    if part == "x" and declared[name].signal.rotates:
+                        angles.add(len(initial) + k)
                     if part == "u" and path in index:
                         continue  # of signals of one name an output is meant, else a state, else an input
                     index[path] = len(initial) + k
@@ -169,6 +181,8 @@ def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[Comp
         types,
         nodes,
         network_signals,
+        angles,
+        smooth,
         states,
         slots,
         pool,
@@ -203,6 +217,8 @@ def united(parts: Sequence[tuple[Part, Layout]], kinds: Iterable[ComponentType])
         whole.unit |= layout.unit
         whole.description |= layout.description
         whole.network_signals |= layout.network_signals
+        whole.angles |= layout.angles
+        whole.smooth |= layout.smooth
         whole.states |= layout.states
         whole.slots |= layout.slots
     return whole

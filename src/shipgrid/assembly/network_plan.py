@@ -107,6 +107,8 @@ def network_plan(network: Network, layout: Layout, step: float) -> NetworkPlan:
         state_signal=_integers(state_signal),
         **sparse.arrays(),
         n_linear_ports=n_linear_ports,
+        mean_port=_integers(()),
+        mean_node=_integers(()),
         n_linear_terms=sum(1 for t in terms if t[1] < n_linear_ports),
         **ports.arrays(terms),
         later=later,
@@ -275,7 +277,7 @@ def _bridges(
         key: [] for key in ("lo", "hi", "lead", "wait", "sampled", "rate", "port", "node", "weight", "s", "meter")
     }
     leg_first, related_first, related, touched_first, touched = [0], [0], [], [0], []
-    clamps: dict[int, float] = {}
+    clamps: list[int] = []
     diodes: list[float] = []
     lead: list[tuple[int, int, int, float]] = []
     at_poles: dict[int, str] = {}
@@ -312,9 +314,8 @@ def _bridges(
         touched += sorted(nodes | {node})
         related_first.append(len(related))
         touched_first.append(len(touched))
-        diode = network.placed[legs.path].item.R_d
-        diodes.append(0.5 * len(legs.phases) / diode)
-        clamps[node] = clamps.get(node, 0.0) + diodes[-1]
+        diodes.append(network.placed[legs.path].item.R_d)
+        clamps += [node] if node not in clamps else []
         lead += [(place, b, poles.index(j), rate) for place, j, rate in driven if j in poles]
     bridges = len(network.legs)
 
@@ -336,9 +337,8 @@ def _bridges(
         "touched_first": _integers(touched_first),
         "touched": _integers(touched),
         "clamp_node": _integers(clamps),
-        "clamp_g": np.array(list(clamps.values()), dtype=float),
-        "bridge_clamp": _integers(list(clamps).index(node) for node in found["node"]),
-        "bridge_g": np.array(diodes, dtype=float),
+        "bridge_clamp": _integers(clamps.index(node) for node in found["node"]),
+        "bridge_r": np.array(diodes, dtype=float),
         "lead_state": _integers(k for k, *_ in lead),
         "lead_bridge": _integers(b for _, b, _, _ in lead),
         "lead_axis": _integers(axis for _, _, axis, _ in lead),

@@ -254,6 +254,7 @@ def divide(network: Network, groups: Mapping[str, Sequence[str]], h: float) -> P
         nodes = {node for bus in part.buses.values() for node in bus.nodes}
         part.capacitances.update({n: c for n, c in network.capacitances.items() if n in nodes})
         part.conductances.update({n: g for n, g in network.conductances.items() if n in nodes})
+        part.shunts += [shunt for shunt in network.shunts if shunt[0] in nodes]
     for path, placed in network.placed.items():
         parts[owner[path]].placed[path] = placed
     for path, legs in network.legs.items():

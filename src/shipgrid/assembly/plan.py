@@ -19,11 +19,13 @@ from shipgrid.assembly.layout import ZERO, Layout, by_type, lay_out, united
 from shipgrid.assembly.network_plan import network_plan
 from shipgrid.assembly.partition import Part, Partition, divide
 from shipgrid.assembly.plausible import largest_plausible
+from shipgrid.assembly.stiff import means_of_steps, stiff_storage
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, fields_of, type_of
 from shipgrid.model.kernel import in_one_piece
 from shipgrid.model.network import Every, Network, Placed, PublicSignal, Sampled, Waveform
 from shipgrid.model.records import names_of, size_of
+from shipgrid.solvers.conduction import MEANS
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork
 from shipgrid.solvers.pacing import PaceWork, no_pace
 
@@ -40,16 +42,21 @@ class StepPlan(NamedTuple):
     clock_period: np.ndarray
     due_start: np.ndarray  # (clocks + 1,) first entry of `due_type` of each clock
     due_type: np.ndarray  # numbers of the component types with an instance on it
-    kept: np.ndarray  # places of the measured network quantities, remembered for interpolation
+    kept: np.ndarray  # places of the measured network quantities that are looked back at from the next step
     links: np.ndarray  # (n, 3) between two steps of a plant in parts: place, and the two whose difference it takes
     recorded: np.ndarray  # (signals,) places of the signals of the group `plant`, then of `slow`
     n_plant: int
     record_every: int
     slow_every: int
     audit_every: int
-    shunt_node: np.ndarray
+    shunt_node: np.ndarray  # places of the voltages of nodes with shunts, which are the last entries of `energy`
     shunt_g: np.ndarray  # conductance, times 3/2 for one axis of a three-phase bus
     n_energy: int
+    # what is charged within a step (`nodal.finish_step`): number and entry of `energy`, factor s of the energy s x^2
+    stiff_node: np.ndarray  # (2, nodes)
+    stiff_node_s: np.ndarray
+    stiff_state: np.ndarray  # (2, states of elements)
+    stiff_state_s: np.ndarray
     limiters: np.ndarray
     watched: np.ndarray
     wave_source: np.ndarray  # places of the signals kept at every step of a waveform window
@@ -69,6 +76,7 @@ class StepWork(NamedTuple):
     """What the woven step writes beside the signals."""
 
     due: np.ndarray  # (types,) 1 where an instance runs in this step
+    booked: np.ndarray  # (1,) 1 if the audit is due after the coming step
     clock_phase: np.ndarray
     clock_before: np.ndarray  # fraction of the last step at which the clock's instant fell, or -1
     clock_ahead: np.ndarray  # the same for the coming step
@@ -82,6 +90,8 @@ class StepWork(NamedTuple):
     wave_row: np.ndarray  # (1,) rows of waveform windows since they were emptied; outside of one, -1 minus that
     wave_rows: np.ndarray  # (rows, signals)
     energy: np.ndarray
+    stage_power: np.ndarray  # mean power over the step of each entry of `energy` that is of the network [W]
+    exchanged: np.ndarray  # (1,) sum of what sources gave or took, each audit by its magnitude [J]
     limiter_time: np.ndarray  # (limiters, 3): seconds active, first time, times it came on
     limiter_was: np.ndarray
     watched_was: np.ndarray
@@ -181,6 +191,11 @@ class Workspace:
         return self.parts or (self,)
 
     @property
+    def exchanged(self) -> float:
+        """Energy [J] that sources gave or took, each audit by its magnitude."""
+        return float(sum(piece.step.exchanged[0] for piece in (*self.parts, self)))
+
+    @property
     def energy(self) -> np.ndarray:
         """Energy [J] of each of `Plan.energy_items`."""
         return np.concatenate([part.step.energy for part in (*self.parts, self)])
@@ -253,9 +268,10 @@ def assemble(
     placed_in = list(zip(partition.parts, layouts, strict=True))
     whole = united(placed_in, kinds.values())
     for part, layout in placed_in:  # what a part reads of another is measured if it is measured there
-        layout.network_signals.update(
-            layout.index[path] for path in part.foreign if whole.place(path, part.name) in whole.network_signals
-        )
+        for sort in ("network_signals", "angles", "smooth"):
+            there = getattr(whole, sort)
+            own = {layout.index[path] for path in part.foreign if whole.place(path, part.name) in there}
+            getattr(layout, sort).update(own)
     plans = tuple(_plan(part, layout, step, rates, NO_BOOKS) for part, layout in placed_in)
     for layout in layouts:
         whole.initial[layout.first : layout.size] = layout.initial[layout.first :]
@@ -278,11 +294,9 @@ class Books:
     fields: dict[str, Any]
     groups: dict[str, list[str]]
     limiter_paths: list[str]
-    shunts: list[tuple[str, str]]
 
 
 def _books(network: Network, layout: Layout) -> Books:
-    shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
     limiter_paths = [
         f"{placed.path}.{f.name}"
         for t in by_type(network)
@@ -302,13 +316,11 @@ def _books(network: Network, layout: Layout) -> Books:
         "recorded": _places(
             layout.index[network.published[name].source] for names in groups.values() for name in names
         ),
-        "shunt_node": _places(layout.index[node] for node, *_ in shunts),
-        "shunt_g": np.array([siemens * axis_weight(node) for node, siemens, *_ in shunts]),
         "limiters": _places(layout.index[path] for path in limiter_paths),
         "watched": _places(layout.place(w.source, w.owner) for w in network.watched),
         "wave_source": np.unique(_places(layout.index[s] for w in waved for s, _ in terms_of(w))),
     }
-    return Books(fields, groups, limiter_paths, [(path, ledger) for _, _, path, ledger in shunts])
+    return Books(fields, groups, limiter_paths)
 
 
 def _places(values: Iterable[int]) -> np.ndarray:
@@ -330,18 +342,22 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
         if not t.kind.linear:
             gathers[t.kind.key] = _gather(layout, t)
     net = network_plan(network, layout, step)
+    net = net._replace(**means_of_steps(network, layout, net, step))
     _own_leads(layout, net, clock_of, gathers)
     gathers["network"] = _gather_sources(layout)
     energy_items = [
         (placed.path, ledger)
         for t in layout.types
-        for placed in t.placed
         for ledger in LEDGERS
         if ledger in t.kind.kernels
+        for placed in t.placed
     ]
     drops, lost = energy_of_contacts(layout, energy_items, network.ends if isinstance(network, Part) else [])
-    energy_items += lost + books.shunts
-    measured = [g["measured"][:, 1] for g in gathers.values() if "measured" in g]
+    energy_items += lost
+    weight = {node: axis_weight(node) for node in layout.nodes}
+    stiff, lost = stiff_storage(network, layout, net, step, energy_items, weight)
+    shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
+    energy_items += lost + [(path, ledger) for _, _, path, ledger in shunts]
     due = [[k for k, t in enumerate(layout.types) if c in clock_of[t.kind.key]] for c in range(len(clocks.periods))]
     plan = StepPlan(
         h=step,
@@ -350,18 +366,21 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
         clock_period=np.array(clocks.periods),
         due_start=np.cumsum([0, *(len(on) for on in due)]),
         due_type=_places(k for on in due for k in on),
-        kept=np.unique(np.concatenate(measured or [[0]])).astype(np.int64),
+        kept=_places(sorted(_looked_back_at(layout, gathers, clock_of, clocks))),
         links=np.zeros((0, 3), dtype=np.int64),
         n_plant=len(books.groups["plant"]),
         record_every=rates["record_every"],
         slow_every=rates["slow_every"],
         audit_every=rates["audit_every"],
+        shunt_node=_places(layout.index[node] for node, *_ in shunts),
+        shunt_g=np.array([siemens * weight[node] for node, siemens, *_ in shunts]),
         n_energy=len(energy_items),
         tables=layout.tables,
         audited_from=layout.first,
         absurd=largest_plausible(layout)[layout.first :],
         **books.fields,
         **drops,
+        **stiff,
     )
     return Plan(
         network,
@@ -377,6 +396,24 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
         books.limiter_paths,
         delay_lines,
     )
+
+
+def _looked_back_at(
+    layout: Layout, gathers: dict[str, dict[str, np.ndarray]], clock_of: dict[str, np.ndarray], clocks: _Clocks
+) -> set[int]:
+    """Places of measured quantities that are read between two steps, or carried on from the step before."""
+    found = {ZERO}
+    for t in layout.types:
+        gather = gathers.get(t.kind.key)
+        if gather is None:
+            continue
+        start = gather["measured_start"]
+        for k in range(len(t.placed)):
+            inc, den = clocks.ratios[clock_of[t.kind.key][k]]
+            first = start[k] if inc not in (1, den) else gather["measured_smooth"][k]
+            if inc not in (1, den) or ("derivatives" in t.kind.kernels and inc == den):
+                found |= set(gather["measured"][first : start[k + 1], 1].tolist())
+    return found
 
 
 def _links(parts: Sequence[tuple[Part, Layout]], whole: Layout) -> np.ndarray:
@@ -429,18 +466,23 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         history=np.zeros(ports),
         coefficient=np.zeros(ports),
         port_voltage=np.zeros(ports),
+        first_port=np.zeros((2, len(plan.net.mean_port))),
+        first_node=np.zeros(len(plan.net.mean_node)),
         Y_linear=np.zeros((n + 1) * (n + 1)),
         Y=np.zeros((n + 1) * (n + 1)),
         rhs=np.zeros(n + 1),
         v=np.zeros(n + 1),
         v_start=np.zeros(n + 1),
         v_stage=np.zeros(n + 1),
+        stranded_first=np.zeros(n, dtype=np.int64),
+        stranded_last=np.zeros(n, dtype=np.int64),
         norton=np.zeros((len(plan.net.machine_w), 6)),
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),
         bridge_i0=np.full((bridges, 2), np.nan),  # there is no step before the first
-        bridge_mean=np.zeros((bridges, 6)),
+        bridge_mean=np.zeros((bridges, MEANS)),
         constraint=np.zeros((bridges, 3)),
+        gamma=np.zeros((bridges, 3)),
         inverse=np.zeros((bridges, 4)),
         target=np.zeros((bridges, 2)),
         left=np.zeros((2, n + 1)),
@@ -452,6 +494,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
     )
     step = StepWork(
         due=np.zeros(len(plan.layout.types), dtype=np.int64),
+        booked=np.full(1, plan.step.audit_every == 1, dtype=np.int64),
         clock_phase=np.zeros(len(plan.periods), dtype=np.int64),
         clock_before=np.full(len(plan.periods), -1.0),
         clock_ahead=np.ones(len(plan.periods)),  # an instant at time zero: every controller starts with a sample
@@ -465,6 +508,8 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         wave_row=np.full(1, -1, dtype=np.int64),
         wave_rows=np.zeros((WAVE_ROWS, len(plan.step.wave_source))),
         energy=np.zeros(plan.step.n_energy),
+        stage_power=np.zeros(plan.step.n_energy),
+        exchanged=np.zeros(1),
         limiter_time=np.zeros((len(plan.step.limiters), 3)),
         limiter_was=np.zeros(len(plan.step.limiters)),
         watched_was=sig[plan.step.watched],
@@ -547,10 +592,15 @@ def _source(layout: Layout, placed: Placed, name: str, declared: Any) -> int | f
 
 
 def _gather(layout: Layout, t: Any) -> dict[str, np.ndarray]:
-    """Lists of (to, from) for every instance: measured network quantities apart from everything else."""
+    """Lists of (to, from) for every instance: all of it, and measured network quantities apart from everything else.
+
+    Of those first what may jump, then what is smooth, then the angles.
+    """
     measured: list[tuple[int, int]] = []
     latest: list[tuple[int, int]] = []
-    m_start, l_start = [0], [0]
+    m_start, l_start, m_smooth, m_turn = [0], [0], [], []
+    now: list[tuple[int, int]] = []
+    n_start = [0]
     ends = {terminal.v for terminal in t.kind.terminals}
     for placed in t.placed:
         known = set(names_of(t.kind.input)) if t.nu else set()
@@ -566,10 +616,22 @@ def _gather(layout: Layout, t: Any) -> dict[str, np.ndarray]:
                 continue
             to = layout.slots["u", f"{placed.path}.{declared.name}"]
             (measured if source in layout.network_signals else latest).append((to, source))
+        own = sorted(measured[m_start[-1] :], key=lambda pair: (pair[1] in layout.angles, pair[1] in layout.smooth))
+        measured[m_start[-1] :] = own
+        turning = [source in layout.angles for _, source in own]
+        smooth = [source in layout.smooth and source not in layout.angles for _, source in own]
+        m_smooth.append(len(measured) - sum(turning) - sum(smooth))
+        m_turn.append(len(measured) - sum(turning))
         m_start.append(len(measured))
+        now += latest[l_start[-1] :] + own
+        n_start.append(len(now))
         l_start.append(len(latest))
     return {
+        "now_start": np.array(n_start, dtype=np.int64),
+        "now": np.array(now, dtype=np.int64).reshape(-1, 2),
         "measured_start": np.array(m_start, dtype=np.int64),
+        "measured_smooth": np.array(m_smooth, dtype=np.int64),
+        "measured_turn": np.array(m_turn, dtype=np.int64),
         "measured": np.array(measured, dtype=np.int64).reshape(-1, 2),
         "latest_start": np.array(l_start, dtype=np.int64),
         "latest": np.array(latest, dtype=np.int64).reshape(-1, 2),

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 NEVER = 2**62
 """Steps between the rows of a group that has no signals."""
 LOGS = (
-    *("rows", "plant_rows", "slow_rows", "interval", "energy", "limiter_time"),
+    *("rows", "plant_rows", "slow_rows", "interval", "energy", "exchanged", "limiter_time"),
     *("event_step", "event_which", "event_value", "event_count"),
 )
 """What of a workspace belongs to one run and not to its state."""
@@ -134,7 +134,7 @@ class RunnablePlan(Plan):
         value = work.sig[watching.step.recorded][None, :]
         memory.append("plant", np.array([began]), value, value, value, value)
         go(run, Timeline(watching, work, run.events, lines, _said, places_to_set(self)), until, memory)
-        # every step was counted with the power at its end: half of what the first and the last differ by too much
+        # of signal components each step was counted with the power at its end: half of the difference too much
         work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
         result = CircuitRun(self, run, memory, list(sources), before)
         if run.failure:
@@ -256,7 +256,8 @@ class CircuitRun:
     energy : dict
         Energy [J] by component path in the ledgers `sources`, `consumers`, `losses` and `stored` (its change).
     energy_balance_error : float
-        (sources - consumers - losses - stored) over what the sources gave.
+        (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, and what was
+        stored at the start.
     failure : str
         Why the run broke off; empty if it did not.
     """

@@ -739,7 +739,8 @@ def energy_balance(
     ledgers : dict of str to dict of str to float
         `sources`, `consumers`, `losses`, `stored` (change) in joule by component path.
     error : float
-        (sources - consumers - losses - stored) over the sum of what each source gave or took on balance.
+        (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, each instant by
+        its magnitude, and what was stored at the start.
     """
     names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
     ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
@@ -751,9 +752,11 @@ def energy_balance(
     for path, value in after.items():
         short = path.removesuffix(".alpha").removesuffix(".beta")
         ledgers["stored"][short] = ledgers["stored"].get(short, 0.0) + value - before.get(path, 0.0)
-    gross = sum(abs(v) for v in ledgers["sources"].values())
     net = sum(ledgers["sources"].values()) - sum(sum(ledgers[k].values()) for k in ("consumers", "losses", "stored"))
-    return ledgers, net / gross if gross > 0.0 else 0.0
+    exchanged = work.exchanged + sum(abs(joule) for joule in before.values())
+    if exchanged == 0.0:  # neither a source nor anything stored: what was booked at all is wrong, or nothing was
+        exchanged = sum(abs(joule) for ledger in ledgers.values() for joule in ledger.values())
+    return ledgers, net / exchanged if exchanged > 0.0 else 0.0
 
 
 def provenance(plan: Plan) -> dict[str, str]:

@@ -59,6 +59,7 @@ def record(
     plant_rows,
     slow_rows,
     audit_every,
+    booked,
     wave_source,
     wave_row,
     wave_rows,
@@ -85,7 +86,9 @@ def record(
             sig, recorded, interval, n_plant, recorded.shape[0], slow_every, slow_rows, rows[1] % slow_rows.shape[1]
         )
         rows[1] += 1
-    return done % audit_every == 0
+    since = done % audit_every
+    booked[0] = since + 1 == audit_every or audit_every == 1
+    return since == 0
 
 
 @kernel
@@ -128,7 +131,7 @@ def audit(
     n_energy,
     shunt_node,
     energy,
-    shunt_g,
+    stage_power,
     limiters,
     limiter_was,
     limiter_time,
@@ -155,8 +158,7 @@ def audit(
     dt = audit_every * h
     first = n_energy - shunt_node.shape[0]
     for k in range(shunt_node.shape[0]):
-        v = sig[shunt_node[k]]
-        energy[first + k] += dt * shunt_g[k] * v * v
+        energy[first + k] += dt * stage_power[first + k]
     for k in range(limiters.shape[0]):
         active = 1.0 if sig[limiters[k]] > 0.5 else 0.0
         if active > 0.5:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,6 +50,7 @@ class StateSpace:
     sources: tuple[str, ...]
 
 
+@lru_cache(maxsize=4096)
 def state_space(item: Any, position: int = 0) -> StateSpace:
     """Read a linear component's matrices off its kernels.
 
@@ -62,6 +64,7 @@ def state_space(item: Any, position: int = 0) -> StateSpace:
     Returns
     -------
     StateSpace
+        Its arrays are read-only: equal items share them.
 
     Raises
     ------
@@ -104,6 +107,8 @@ def state_space(item: Any, position: int = 0) -> StateSpace:
     error, size = np.abs(probed - matrix @ probe), np.abs(matrix) @ np.abs(probe)
     if np.any(zero != 0.0) or not np.all(error <= 1e-9 * (1.0 + size)):  # also if it is not a number
         raise ParameterError(f"{kind.name}: {LINEAR}")
+    matrix = matrix.copy()
+    matrix.flags.writeable = False
     A, B, C, D = matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
     return StateSpace(A, B, C, D, sources)
 

@@ -30,8 +30,19 @@ of its length. What the leg takes of the bus in that part is what lands its curr
 with r the rate of its current per volt and s_0 the switching function at which it stands still, taken from the step
 before ('). The rest of the step has the bounds lo + x and hi - wait + x.
 
-Where a bus voltage reverses, both diodes of every leg on it conduct: a conductance across the bus. Every step is tried
-without it first, and if the bus ends below zero, taken with it: which of the two holds is asked once.
+Where a bus voltage reverses, the diodes of every leg on it conduct, whatever the gates do, each with its resistance
+R_d. Both of a leg share its current: with i out of the leg and S = -v_dc / R_d,
+
+    i_lower = (S + i) / 2,   i_upper = (S - i) / 2,   v = v_dc / 2 - R_d i / 2       while |i| <= S       (conduction-7)
+
+and beyond that one of them carries i alone. So a leg is a pole of s = 1/2 (or 0, 1) behind a conductance g = 2 / R_d
+(or 1 / R_d), and while both conduct it stands as 1 / (2 R_d) across the bus. In the alpha-beta plane the conductances
+of the legs are a matrix Gamma, with d_k the axes of the phases,
+
+    i = -Gamma w,   Gamma = 2/3 (sum g_k d_k d_k' - (sum g_k d_k) (sum g_k d_k)' / sum g_k)               (conduction-8)
+
+for w = v - c v_dc, and (conduction-3) eliminates w with P = 1, G = W + Gamma and t = -h. Every step is tried without
+this first, and if the bus ends below zero, taken with it: which of the two holds is asked once.
 
 docs/theory/conduction.md.
 """
@@ -44,8 +55,10 @@ from shipgrid.model import kernel
 from shipgrid.model.frames import PHASES, abc_to_alpha_beta
 from shipgrid.model.kernel import inlined
 from shipgrid.solvers.companion import GAMMA
+from shipgrid.solvers.nodal import current as nodal_current
 
-DRIVEN, AT_LO, AT_HI, FLOATING = 0, 1, 2, 3
+DRIVEN, AT_LO, AT_HI, FLOATING, SHARED = 0, 1, 2, 3, 4
+"""States of a leg. On a reversed bus `SHARED` has both diodes conducting, `AT_LO` and `AT_HI` one of them alone."""
 ALL_AT_ONCE = 8
 """Rounds in which all legs that fail change state; afterwards only the first one that fails, so that none cycle."""
 ROUNDS = 48
@@ -58,6 +71,8 @@ SINGULAR = 1e-12
 """Share of an element's own admittances below which nothing conducts along a direction: an open contact, rounding."""
 DEAD_V = 1.0
 """Bus voltage [V] below which a bridge's power is not told from its current: no share of a landing is booked there."""
+MEANS = 7
+"""Columns of `bridge_mean`; see `release`."""
 AXIS = tuple(PHASES.values())
 """Axes of the phases a, b, c in the alpha-beta plane."""
 
@@ -97,6 +112,39 @@ def place_legs(b, sig, leg_first, leg_lo, leg_hi, leg_state, leg_s, bridge_s, co
                 constraint[b, 1] = AXIS[k][0]
                 constraint[b, 2] = AXIS[k][1]
     constraint[b, 0] = floating
+    alpha, beta = abc_to_alpha_beta(leg_s[first], leg_s[first + 1], leg_s[first + 2])
+    sig[bridge_s[b, 0]] = alpha
+    sig[bridge_s[b, 1]] = beta
+
+
+@kernel
+def place_diodes(b, sig, leg_first, leg_state, leg_s, bridge_s, bridge_r, constraint, gamma):
+    """The same for a bridge on a reversed bus, whose legs are poles behind conductances: (conduction-8)."""
+    first, last = leg_first[b], leg_first[b + 1]
+    total = g_a = g_b = g_aa = g_ab = g_bb = 0.0
+    for k in range(first, last):
+        state = leg_state[k]
+        leg_s[k] = 0.0 if state == AT_LO else (1.0 if state == AT_HI else 0.5)
+        g = (2.0 if state == SHARED else 1.0) / bridge_r[b]
+        axis = AXIS[k - first]
+        total += g
+        g_a += g * axis[0]
+        g_b += g * axis[1]
+        g_aa += g * axis[0] * axis[0]
+        g_ab += g * axis[0] * axis[1]
+        g_bb += g * axis[1] * axis[1]
+    if last - first == 1:
+        constraint[b, 0] = 1.0
+        constraint[b, 1] = 1.0
+        constraint[b, 2] = 0.0
+        gamma[b, 0] = total
+        gamma[b, 1] = gamma[b, 2] = 0.0
+        sig[bridge_s[b, 0]] = leg_s[first]
+        return
+    constraint[b, 0] = 2.0
+    gamma[b, 0] = (g_aa - g_a * g_a / total) / 1.5
+    gamma[b, 1] = (g_ab - g_a * g_b / total) / 1.5
+    gamma[b, 2] = (g_bb - g_b * g_b / total) / 1.5
     alpha, beta = abc_to_alpha_beta(leg_s[first], leg_s[first + 1], leg_s[first + 2])
     sig[bridge_s[b, 0]] = alpha
     sig[bridge_s[b, 1]] = beta
@@ -186,7 +234,7 @@ def set_legs(
                 leg_state[k] = DRIVEN
             else:
                 free += 1
-                if leg_state[k] == DRIVEN:
+                if leg_state[k] == DRIVEN or leg_state[k] == SHARED:
                     axis = AXIS[k - first]
                     i = axis[0] * alpha + axis[1] * beta
                     leg_state[k] = AT_LO if i > SMALL_A else (AT_HI if i < -SMALL_A else FLOATING)
@@ -214,8 +262,18 @@ def begin_round(
     stage_share[0] = 1.0 - GAMMA  # of the current at the step's start that is left at the stage's end
     stage_share[1] = 1.0 - GAMMA  # weight of the stage in means of the step
     for b in range(bridge_mean.shape[0]):
-        for k in range(6):
+        for k in range(MEANS):
             bridge_mean[b, k] = 0.0
+
+
+@kernel
+def across(b, leg_first, leg_state, bridge_r):
+    """Conductance [S] across a reversed bus of those legs of bridge b of which both diodes conduct."""
+    shared = 0
+    for k in range(leg_first[b], leg_first[b + 1]):
+        if leg_state[k] == SHARED:
+            shared += 1
+    return 0.5 * shared / bridge_r[b]
 
 
 @inlined
@@ -230,15 +288,20 @@ def constrain(
     port_weight,
     coefficient,
     history,
+    leg_first,
+    leg_state,
     bridge_port,
     bridge_node,
     bridge_weight,
+    bridge_r,
+    bridge_clamp,
     related_first,
     related,
     touched_first,
     touched,
     bridge_i0,
     constraint,
+    gamma,
     inverse,
     target,
     left,
@@ -246,21 +309,19 @@ def constrain(
     stage_share,
     v_stage,
     clamp,
-    clamp_node,
-    clamp_g,
     Y,
     rhs,
 ):
-    """Eliminate the pole voltages of floating legs, (conduction-3) and (conduction-4), and stamp reversed buses."""
+    """Eliminate the pole voltages of floating legs, (conduction-3) and (conduction-4), and of reversed buses."""
     n = n_nodes
     width = n + 1
     w0 = part_start[5]
-    for k in range(clamp.shape[0]):
-        if clamp[k] != 0:
-            Y[clamp_node[k] * width + clamp_node[k]] += clamp_g[k]
     for b in range(bridge_port.shape[0]):
         if constraint[b, 0] < 0.5:
             continue
+        reversed_ = clamp[bridge_clamp[b]] != 0
+        if reversed_:
+            Y[bridge_node[b] * width + bridge_node[b]] += across(b, leg_first, leg_state, bridge_r)
         A, B = bridge_port[b, 0], bridge_port[b, 1]
         two = constraint[b, 0] > 1.5
         p_a, p_b = (1.0, 0.0) if two else (constraint[b, 1], constraint[b, 2])
@@ -273,22 +334,31 @@ def constrain(
             if port_first[A] == port_first[B]:
                 W_ab = values[w0 + port_w[A] + B - port_first[B]]
                 W_ba = values[w0 + port_w[B] + A - port_first[A]]
-        i_a, i_b = stage_share[0] * bridge_i0[b, 0], stage_share[0] * bridge_i0[b, 1]
+        landing = 0.0 if reversed_ else stage_share[0]
+        i_a, i_b = landing * bridge_i0[b, 0], landing * bridge_i0[b, 1]
         if W_aa == 0.0 and W_bb == 0.0:  # an open contact behind the poles: there is no current to constrain
             constraint[b, 0] = -1.0
             continue
         if two:
-            determinant = W_aa * W_bb - W_ab * W_ba
-            small = SINGULAR * (np.abs(W_aa * W_bb) + np.abs(W_ab * W_ba))
+            G_aa, G_ab, G_ba, G_bb = W_aa, W_ab, W_ba, W_bb
+            if reversed_:
+                G_aa += gamma[b, 0]
+                G_ab += gamma[b, 1]
+                G_ba += gamma[b, 1]
+                G_bb += gamma[b, 2]
+            determinant = G_aa * G_bb - G_ab * G_ba
+            small = SINGULAR * (np.abs(G_aa * G_bb) + np.abs(G_ab * G_ba))
             scale = 1.0 / determinant if np.abs(determinant) > small else 0.0
-            inverse[b, 0] = W_bb * scale
-            inverse[b, 1] = -W_ab * scale
-            inverse[b, 2] = -W_ba * scale
-            inverse[b, 3] = W_aa * scale
+            inverse[b, 0] = G_bb * scale
+            inverse[b, 1] = -G_ab * scale
+            inverse[b, 2] = -G_ba * scale
+            inverse[b, 3] = G_aa * scale
             target[b, 0] = i_a - history[A]
             target[b, 1] = i_b - h_b
         else:
             G = p_a * (p_a * W_aa + p_b * W_ab) + p_b * (p_a * W_ba + p_b * W_bb)
+            if reversed_:
+                G += gamma[b, 0]
             small = SINGULAR * (np.abs(W_aa) + np.abs(W_ab) + np.abs(W_ba) + np.abs(W_bb))
             inverse[b, 0] = 1.0 / G if np.abs(G) > small else 0.0
             inverse[b, 1] = inverse[b, 2] = inverse[b, 3] = 0.0
@@ -323,7 +393,7 @@ def constrain(
                 right[b, 1, minus] -= c * bj
         dc = bridge_node[b]
         v_dc = v_stage[dc]
-        if stage_share[0] != 0.0 and np.abs(v_dc) > DEAD_V:
+        if landing != 0.0 and np.abs(v_dc) > DEAD_V:
             left[0, dc] += bridge_weight[b] * i_a / v_dc
             left[1, dc] += bridge_weight[b] * i_b / v_dc
         for m in range(touched_first[b], touched_first[b + 1]):
@@ -352,9 +422,13 @@ def release(
     port_voltage,
     history,
     n_linear_ports,
+    coefficient,
+    leg_first,
+    leg_state,
     bridge_port,
     bridge_node,
     bridge_weight,
+    bridge_r,
     touched_first,
     touched,
     constraint,
@@ -364,13 +438,12 @@ def release(
     stage_share,
     bridge_mean,
     bridge_clamp,
-    bridge_g,
     clamp,
 ):
     """Add what was eliminated to the poles' voltages; means of the step of each bridge.
 
     `bridge_mean[b]`: constrained part of the pole voltage (alpha, beta), v_dc, power out of the bus, current out of it,
-    current up through the diodes of a reversed bus.
+    and of a reversed bus the current through both diodes of its legs and the power lost in the diodes.
     """
     share = stage_share[1]
     for b in range(bridge_port.shape[0]):
@@ -404,13 +477,61 @@ def release(
         v_dc = v[bridge_node[b]]
         power *= bridge_weight[b]
         bridge_mean[b, 2] += share * v_dc
-        bridge_mean[b, 3] += share * power
-        if np.abs(v_dc) > DEAD_V:
+        if np.abs(v_dc) > DEAD_V and clamp[bridge_clamp[b]] == 0:
+            bridge_mean[b, 3] += share * power
             bridge_mean[b, 4] += share * power / v_dc
+            continue
+        current = 0.0
+        for axis in range(1 if A == B else 2):
+            j = bridge_port[b, axis]
+            i = nodal_current(j, history, values, part_start, port_w, port_first, port_count, port_voltage)
+            current += bridge_weight[b] * coefficient[j] * i
         if clamp[bridge_clamp[b]] != 0:
-            bridge_mean[b, 3] += share * bridge_g[b] * v_dc * v_dc
-            bridge_mean[b, 4] += share * bridge_g[b] * v_dc
-            bridge_mean[b, 5] -= share * bridge_g[b] * v_dc
+            both = across(b, leg_first, leg_state, bridge_r) * v_dc
+            current += both
+            bridge_mean[b, 5] -= share * both
+            bridge_mean[b, 6] += share * (current * v_dc - power)
+            power = current * v_dc
+        bridge_mean[b, 3] += share * power
+        bridge_mean[b, 4] += share * current
+
+
+@kernel
+def settle_diodes(b, leg_first, leg_state, bridge_r, i_a, i_b, v_dc, one_by_one):
+    """Change the state of the legs of bridge b that break (conduction-7) on a reversed bus; how many have.
+
+    Parameters
+    ----------
+    b : int
+    leg_first, leg_state, bridge_r : ndarray
+    i_a, i_b : float
+        Current out of the poles at the step's end, alpha and beta [A].
+    v_dc : float
+        Bus voltage there [V].
+    one_by_one : bool
+        Whether only the first that fails changes.
+    """
+    both = max(-v_dc / bridge_r[b], 0.0)  # what the two diodes of a leg carry together
+    changed = 0
+    for k in range(leg_first[b], leg_first[b + 1]):
+        axis = AXIS[k - leg_first[b]]
+        i = axis[0] * i_a + axis[1] * i_b
+        state = leg_state[k]
+        wanted = state
+        slack = SMALL_A + SMALL * (both + np.abs(i))
+        if state == SHARED:
+            if i > both + slack:
+                wanted = AT_LO
+            elif i < -both - slack:
+                wanted = AT_HI
+        elif (state == AT_LO and i < both - slack) or (state == AT_HI and i > slack - both):
+            wanted = SHARED
+        if wanted != state:
+            leg_state[k] = wanted
+            changed += 1
+            if one_by_one:
+                break
+    return changed
 
 
 @inlined
@@ -431,26 +552,43 @@ def settle_legs(
     leg_state,
     leg_s,
     bridge_port,
+    bridge_node,
+    bridge_r,
+    bridge_clamp,
     bridge_s,
     bridge_mean,
     constraint,
+    gamma,
     clamp,
     clamp_node,
     conduct,
 ):
     """After a step: change the state of every leg that breaks (conduction-1); true if the step stands."""
     changed = 0
+    any_reversed = False
     for k in range(clamp.shape[0]):
-        if clamp[k] == 0 and v[clamp_node[k]] < -SMALL:
+        if clamp[k] != 0:
+            any_reversed = True
+        elif v[clamp_node[k]] < -SMALL:
             clamp[k] = 1
             changed += 1
             conduct[3] = -1 - k
-    if conduct[0] == 0 and changed == 0:
+    if changed > 0:  # their legs have other laws now: the step is taken with those before anything else is asked
+        for b in range(bridge_port.shape[0]):
+            if clamp[bridge_clamp[b]] != 0:
+                for k in range(leg_first[b], leg_first[b + 1]):
+                    leg_state[k] = SHARED
+                place_diodes(b, sig, leg_first, leg_state, leg_s, bridge_s, bridge_r, constraint, gamma)
+        conduct[1] += 1
+        conduct[2] = changed
+        return conduct[1] >= ROUNDS
+    if conduct[0] == 0 and not any_reversed:
         return True
     one_by_one = conduct[1] >= ALL_AT_ONCE
     for b in range(bridge_port.shape[0]):
         first, last = leg_first[b], leg_first[b + 1]
         n_legs = last - first
+        turned = clamp[bridge_clamp[b]] != 0
         any_free = False
         for k in range(first, last):
             if leg_state[k] != DRIVEN:
@@ -467,6 +605,13 @@ def settle_legs(
             row = part_start[5] + port_w[B]
             for c in range(port_count[B]):
                 i_b += values[row + c] * port_voltage[port_first[B] + c]
+        if turned:
+            found = settle_diodes(b, leg_first, leg_state, bridge_r, i_a, i_b, v[bridge_node[b]], one_by_one)
+            changed += found
+            if found > 0:
+                conduct[3] = b
+                place_diodes(b, sig, leg_first, leg_state, leg_s, bridge_s, bridge_r, constraint, gamma)
+            continue
         v_dc = bridge_mean[b, 2]
         pole_a = coefficient[A] * v_dc + bridge_mean[b, 0]
         pole_b = (coefficient[B] * v_dc + bridge_mean[b, 1]) if B != A else 0.0
@@ -534,10 +679,10 @@ def unsettled(conduct):
 
 
 @inlined
-def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, bridge_mean, conduct):
+def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, bridge_mean, constraint, conduct):
     """Publish what each bridge did in the step: switching function in force, currents, power."""
     for b in range(bridge_port.shape[0]):
-        if conduct[0] > 0:
+        if conduct[0] > 0 or constraint[b, 0] > 0.5:
             first = leg_first[b]
             if bridge_port[b, 0] == bridge_port[b, 1]:
                 sig[bridge_s[b, 0]] = leg_s[first]
@@ -551,6 +696,7 @@ def meter_bridges(sig, leg_first, leg_s, bridge_port, bridge_s, bridge_meter, br
         sig[m + 2] = -bridge_mean[b, 4]
         sig[m + 3] = -bridge_mean[b, 3]
         sig[m + 4] = bridge_mean[b, 5]
+        sig[m + 5] = bridge_mean[b, 6]
 
 
 @inlined

@@ -46,6 +46,8 @@ from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import type_order
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
+from shipgrid.model.kernel import uncompiled
+from shipgrid.model.ops import wrap
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.solvers.companion import StateSpace, state_space
 from shipgrid.solvers.reference_diodes import Condition, Diodes
@@ -254,6 +256,7 @@ class _Instance:
                 for name in ("measured", "latest")
             }
             self.measured, self.latest = cut["measured"], cut["latest"]
+            self.turns = np.isin(self.measured[:, 1], list(plan.layout.angles))  # of these the short way round
             both = np.concatenate([self.measured, self.latest])
             self.to, self.source = both[:, 0], both[:, 1]
 
@@ -472,7 +475,10 @@ class _Plant:
             i.gather(sig)
             if f != 1.0 and len(i.measured):
                 to, source = i.measured[:, 0], i.measured[:, 1]
-                sig[to] = before[source] + f * (sig[source] - before[source]) + self.work.step.lead[source]
+                step = sig[source] - before[source]
+                step[i.turns] = uncompiled(wrap)(step[i.turns])
+                sig[to] = before[source] + f * step + self.work.step.lead[source]
+                sig[to[i.turns]] = uncompiled(wrap)(sig[to[i.turns]])
             i.read(sig)
             i.records["x_next"].write(sig[i.xs])
             if "update" in i.kernels:
@@ -568,7 +574,7 @@ class _Plant:
         A[held, :] = A[:, held] = B[held, :] = C[:, held] = B_s[held, :] = 0.0
         for ports in opened:
             D[ports] = D_s[ports] = 0.0
-        floating = self.diodes.nodes(len(coefficient))  # legs that are off: free nodes after the others
+        floating, diodes = self.diodes.nodes(len(coefficient))  # legs that are off, say: free nodes after the others
         T = np.hstack([coefficient[:, None] * self.incidence, floating])
         S = np.hstack([(self.weight * coefficient)[:, None] * self.incidence, floating])
         self.free = np.append(self.bare, np.arange(len(self.node_places), T.shape[1]))
@@ -576,6 +582,7 @@ class _Plant:
         self.now = types.SimpleNamespace(A=A, B=B, C=C, D=D, B_s=B_s, D_s=D_s, T=T, g=g)
         self.T_a, self.T_c, self.S_a, self.S_c = T[:, self.free], T[:, self.stiff], S.T[self.free], S.T[self.stiff]
         K = np.diag(g[self.free]) + self.S_a @ D @ self.T_a
+        K[len(self.bare) :, len(self.bare) :] += diodes
         left, values, right = np.linalg.svd(K)
         null = values <= SINGULAR * max(float(np.max(values, initial=0.0)), 1e-6)
         self.K = K

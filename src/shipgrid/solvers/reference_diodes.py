@@ -17,7 +17,14 @@ the first changes, and the plant is asked again. A leg whose current is zero con
 direction that its diode allows: di/dt takes the place of i in (1) and (2). Of a passive plant that is a linear
 complementarity problem with a positive matrix, in which this ends [Murty1974].
 
-A bus that reverses has the diodes of all its legs across it, n/(2 R_d) for each bridge of n legs.
+On a bus that reverses the diodes of all legs conduct, whatever their gates do, each with its resistance R_d. Of a leg
+
+    both        v_lower = -R_d i_lower = v,  v_upper = v - v_dc = R_d i_upper,   while both currents flow      (4)
+    lower       v = -R_d i,            while the upper one would carry nothing:  v <= v_dc                     (5)
+    upper       v = v_dc - R_d i,      while the lower one would carry nothing:  v >= 0                        (6)
+
+with i = i_lower - i_upper out of the leg. Its potential is one more node then, too, with the conductances of its
+diodes to the poles of the bus.
 """
 
 from __future__ import annotations
@@ -26,12 +33,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SolverError
 from shipgrid.model.frames import PHASES, abc_to_alpha_beta
 
-DRIVEN, AT_LO, AT_HI, OFF = range(4)
+DRIVEN, AT_LO, AT_HI, OFF, BOTH = range(5)
 NARROW = 1e-5
 """Bounds that are closer are one: an edge is bracketed to a millionth of a step."""
 NONE_A = 1e-5
@@ -52,6 +60,7 @@ class Bridge:
     axes: np.ndarray
     bus: int
     s: np.ndarray
+    R_d: float
 
 
 @dataclass(frozen=True)
@@ -80,16 +89,15 @@ class Diodes:
         self.lo, self.hi = np.zeros(len(net.leg_lo)), np.zeros(len(net.leg_lo))
         self.state = np.full(len(net.leg_lo), DRIVEN)
         self.bridges = []
-        self.conductance: dict[int, float] = {}
         for b, legs in enumerate(plan.network.legs.values()):
             axes = np.array(list(PHASES.values())) if len(legs.poles) == 2 else np.ones((1, 1))
             s = net.bridge_s[b, : len(legs.poles)]
             bus = node_of[legs.bus.nodes[0]]
             span = slice(int(net.leg_first[b]), int(net.leg_first[b + 1]))
-            self.bridges.append(Bridge(legs.path, span, [pole_ports[int(k)] for k in s], axes, bus, s))
-            self.conductance[bus] = self.conductance.get(bus, 0.0) + float(net.bridge_g[b])
+            poles = [pole_ports[int(k)] for k in s]
+            self.bridges.append(Bridge(legs.path, span, poles, axes, bus, s, float(net.bridge_r[b])))
         self.ports = {port for bridge in self.bridges for port in bridge.poles}
-        self.reversed = dict.fromkeys(self.conductance, False)
+        self.reversed = dict.fromkeys((bridge.bus for bridge in self.bridges), False)
 
     @property
     def key(self) -> tuple[bytes, ...]:
@@ -104,9 +112,15 @@ class Diodes:
     def take_bounds(self, sig: np.ndarray) -> None:
         """Take over what the modulators leave open; a leg that is released or blocked has no state yet: off."""
         self.lo, self.hi = sig[self.lo_place], sig[self.hi_place]
-        free = self.hi - self.lo > NARROW
-        self.state[~free] = DRIVEN
-        self.state[free & (self.state == DRIVEN)] = OFF
+        for bridge in self.bridges:
+            if not self.reversed[bridge.bus]:
+                self._by_bounds(bridge)
+
+    def _by_bounds(self, bridge: Bridge) -> None:
+        state = self.state[bridge.legs]
+        free = self.hi[bridge.legs] - self.lo[bridge.legs] > NARROW
+        state[~free] = DRIVEN
+        state[free & ((state == DRIVEN) | (state == BOTH))] = OFF
 
     def follow_currents(self, current: np.ndarray) -> bool:
         """Let every current that flows decide about its leg; true if a state has changed.
@@ -118,6 +132,8 @@ class Diodes:
         """
         before = self.state.copy()
         for bridge in self.bridges:
+            if self.reversed[bridge.bus]:
+                continue
             state = self.state[bridge.legs]
             i = bridge.axes @ current[bridge.poles]
             free = state != DRIVEN
@@ -135,26 +151,55 @@ class Diodes:
         """Write the switching functions; a leg that is off has the mean of its bounds, and a node of its own."""
         middle = 0.5 * (self.lo + self.hi)
         s = np.where(self.state == AT_LO, self.lo, np.where(self.state == AT_HI, self.hi, middle))
+        on_a_reversed_bus = {AT_LO: 0.0, AT_HI: 1.0, BOTH: 0.5}
         for bridge in self.bridges:
             legs = s[bridge.legs]
+            if self.reversed[bridge.bus]:
+                legs = np.array([on_a_reversed_bus[int(state)] for state in self.state[bridge.legs]])
             sig[bridge.s] = legs if len(legs) == 1 else abc_to_alpha_beta.py_func(*legs)
 
-    def nodes(self, ports: int) -> np.ndarray:
-        """How the potentials of legs that are off act on the ports: a column each."""
-        columns = []
+    def nodes(self, ports: int) -> tuple[np.ndarray, np.ndarray]:
+        """How the potentials of legs that are nodes of their own act on the ports, and what conducts between them.
+
+        Parameters
+        ----------
+        ports : int
+            Number of ports.
+
+        Returns
+        -------
+        columns : ndarray, shape (ports, nodes)
+        conductance : ndarray, shape (nodes, nodes)
+            Zero for legs that are off; of the diodes of reversed buses [S].
+        """
+        columns, blocks = [], []
         for bridge in self.bridges:
-            off = np.flatnonzero(self.state[bridge.legs] == OFF)
-            directions = np.eye(len(bridge.poles)) if len(off) > 1 else bridge.axes[off]
+            if self.reversed[bridge.bus]:
+                directions, block = np.eye(len(bridge.poles)), self._conductance(bridge)
+            else:
+                off = np.flatnonzero(self.state[bridge.legs] == OFF)
+                directions = np.eye(len(bridge.poles)) if len(off) > 1 else bridge.axes[off]
+                block = np.zeros((len(directions), len(directions)))
             for direction in directions:
                 columns.append(np.zeros(ports))
                 columns[-1][bridge.poles] = direction
-        return np.array(columns).reshape(-1, ports).T
+            blocks.append(block)
+        return np.array(columns).reshape(-1, ports).T, block_diag(np.zeros((0, 0)), *blocks)
+
+    def _conductance(self, bridge: Bridge) -> np.ndarray:
+        """What the legs of a reversed bus conduct, by the potentials of the poles alone: i = -G (v - s v_dc)."""
+        g = np.where(self.state[bridge.legs] == BOTH, 2.0, 1.0) / bridge.R_d
+        if len(g) == 1:
+            return g.reshape(1, 1)
+        star = np.diag(g) - np.outer(g, g) / g.sum()  # by the phases' potentials, the star point eliminated
+        return 2.0 / 3.0 * bridge.axes.T @ star @ bridge.axes
 
     def clamp(self, nodes: int) -> np.ndarray:
-        """Conductance [S] of the diodes across reversed buses, by node."""
+        """Conductance [S] across reversed buses of the legs of which both diodes conduct, by node."""
         g = np.zeros(nodes)
-        for bus, conductance in self.conductance.items():
-            g[bus] = conductance if self.reversed[bus] else 0.0
+        for bridge in self.bridges:
+            if self.reversed[bridge.bus]:
+                g[bridge.bus] += 0.5 * np.count_nonzero(self.state[bridge.legs] == BOTH) / bridge.R_d
         return g
 
     def conditions(
@@ -176,6 +221,16 @@ class Diodes:
         for bridge in self.bridges:
             first, axes = bridge.legs.start, bridge.axes
             state = self.state[bridge.legs]
+            if self.reversed[bridge.bus]:
+                v_dc = -float(node_voltage[bridge.bus])
+                for k, drop in enumerate(bridge.R_d * (axes @ current[bridge.poles])):  # in volts, as the bus is quick
+                    if state[k] == BOTH:
+                        yield Condition((v_dc - drop) / NONE_V, {first + k: AT_LO})
+                        yield Condition((v_dc + drop) / NONE_V, {first + k: AT_HI})
+                    else:
+                        sign = 1.0 if state[k] == AT_LO else -1.0
+                        yield Condition((sign * drop - v_dc) / NONE_V, {first + k: BOTH})
+                continue
             if np.all(state == DRIVEN):
                 continue
             v_dc = max(float(node_voltage[bridge.bus]), 0.0)
@@ -211,10 +266,15 @@ class Diodes:
         for which, state in condition.change.items():
             if which < 0:
                 self.reversed[-1 - which] = bool(state)
+                for bridge in (bridge for bridge in self.bridges if bridge.bus == -1 - which):
+                    self.state[bridge.legs] = BOTH
+                    if not state:
+                        self._by_bounds(bridge)
             else:
                 self.state[which] = state
         for bridge in self.bridges:
-            self._no_way_back(bridge)
+            if not self.reversed[bridge.bus]:
+                self._no_way_back(bridge)
 
     def refuse_jumps(self, jumps: np.ndarray) -> None:
         """Refuse a leg that is open at an element whose current jumps with its voltage: no current decides there.
@@ -229,5 +289,6 @@ class Diodes:
         SolverError
         """
         for bridge in self.bridges:
-            if np.any(self.state[bridge.legs] != DRIVEN) and np.any(jumps[bridge.poles]):
+            blocked = np.any(self.state[bridge.legs] != DRIVEN) and not self.reversed[bridge.bus]
+            if blocked and np.any(jumps[bridge.poles]):
                 raise SolverError(f"{bridge.path} is blocked, and its poles feed a resistance: expected an inductance")

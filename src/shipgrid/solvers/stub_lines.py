@@ -57,13 +57,17 @@ def second_waves(sig, line_in, line_wave):
 
 
 @inlined
-def first_sent(
+def send(
+    stage,
     sig,
     line_wave,
     line_out,
     line_port,
     line_select,
     line_closed,
+    line_state,
+    line_current,
+    line_sense,
     history,
     values,
     part_start,
@@ -72,12 +76,57 @@ def first_sent(
     port_count,
     port_voltage,
 ):
-    """The wave that leaves each end in the first stage, (stub-1)."""
+    """The wave that leaves each end in a stage, (stub-1), and the current of the element that is cut."""
     for k in range(line_wave.shape[0]):
         found = element_says(k, line_port, history, values, part_start, port_w, port_first, port_count, port_voltage)
+        i = 0.0
         if stands_closed(sig, k, line_select, line_closed):
-            found = 2.0 * found + sig[line_wave[k]]
-        sig[line_out[0, k]] = found
+            i = found
+            found = 2.0 * i + sig[line_wave[k]]
+        sig[line_out[stage, k]] = found
+        sig[line_state[k]] = line_sense[k, 0] * i
+        sig[line_current[k]] = line_sense[k, 1] * i
+
+
+@inlined
+def first_sent(
+    sig,
+    line_wave,
+    line_out,
+    line_port,
+    line_select,
+    line_closed,
+    line_state,
+    line_current,
+    line_sense,
+    history,
+    values,
+    part_start,
+    port_w,
+    port_first,
+    port_count,
+    port_voltage,
+):
+    """What leaves the ends in the first stage."""
+    send(
+        0,
+        sig,
+        line_wave,
+        line_out,
+        line_port,
+        line_select,
+        line_closed,
+        line_state,
+        line_current,
+        line_sense,
+        history,
+        values,
+        part_start,
+        port_w,
+        port_first,
+        port_count,
+        port_voltage,
+    )
 
 
 @inlined
@@ -99,16 +148,26 @@ def second_sent(
     port_count,
     port_voltage,
 ):
-    """The wave that leaves each end in the second stage, and the current of the element that is cut."""
-    for k in range(line_wave.shape[0]):
-        found = element_says(k, line_port, history, values, part_start, port_w, port_first, port_count, port_voltage)
-        i = 0.0
-        if stands_closed(sig, k, line_select, line_closed):
-            i = found
-            found = 2.0 * i + sig[line_wave[k]]
-        sig[line_out[1, k]] = found
-        sig[line_state[k]] = line_sense[k, 0] * i
-        sig[line_current[k]] = line_sense[k, 1] * i
+    """What leaves the ends in the second stage."""
+    send(
+        1,
+        sig,
+        line_wave,
+        line_out,
+        line_port,
+        line_select,
+        line_closed,
+        line_state,
+        line_current,
+        line_sense,
+        history,
+        values,
+        part_start,
+        port_w,
+        port_first,
+        port_count,
+        port_voltage,
+    )
 
 
 @kernel

@@ -8,7 +8,8 @@ gives its bounds, `lo` and `hi`: equal while one of the two switches is always d
 blocked. What the gates leave open the diodes decide: the lower one conducts a current out of the leg (s = lo), the
 upper one a current into it (s = hi), and between the bounds the current is zero. The network solution finds it
 (`solvers/conduction.py`), so that (1) and (2) are valid in every state of a leg: blocked bridges rectify, feed
-faults, float. If the bus voltage reverses, both diodes of every leg conduct, each with the resistance `R_d`.
+faults, float. If the bus voltage reverses, the diodes of every leg conduct, whatever its gates do, each with the
+resistance `R_d`: both of a leg share what flows between the poles of the bus, and its own current (conduction-7).
 Otherwise switches and diodes are ideal, and a bridge is without losses.
 
 These records hold what a bridge does, found by the solver; there is nothing to integrate.
@@ -30,13 +31,14 @@ class BridgeOutput:
     i_fed: Ampere = signal("the same current counted into the bus")
     p_fed: Watt = signal("the same power counted into the bus")
     i_r: Ampere = signal(
-        "current up through the diodes of every leg while the bus voltage is reversed, mean of the step"
+        "current from pole to pole through both diodes of its legs while the bus voltage is reversed, mean of the step"
     )
+    p_r: Watt = signal("power lost in the diodes of a reversed bus, mean of the step")
 
 
 @kernel
-def bridge_losses(y: BridgeOutput, p: TwoLevelBridge):
-    return 2.0 / 3.0 * p.R_d * y.i_r**2
+def bridge_losses(y: BridgeOutput):
+    return y.p_r
 
 
 @component(output=BridgeOutput, losses=bridge_losses, stage="network", passive=True)
@@ -44,7 +46,7 @@ class TwoLevelBridge:
     """Three legs between the poles of a DC bus, feeding a three-wire element."""
 
     R_d: Ohm = param(
-        "resistance of a diode, where the bus is short-circuited", default=2e-3, above=0.0, source="typical"
+        "resistance of a diode while the bus voltage is reversed", default=2e-3, above=0.0, source="typical"
     )
 
 
@@ -55,13 +57,14 @@ class LegOutput:
     i_fed: Ampere = signal("the same current counted into the bus")
     p_fed: Watt = signal("the same power counted into the bus")
     i_r: Ampere = signal(
-        "current up through the diodes of every leg while the bus voltage is reversed, mean of the step"
+        "current from pole to pole through both diodes of its legs while the bus voltage is reversed, mean of the step"
     )
+    p_r: Watt = signal("power lost in the diodes of a reversed bus, mean of the step")
 
 
 @kernel
-def leg_losses(y: LegOutput, p: HalfBridge):
-    return 2.0 * p.R_d * y.i_r**2
+def leg_losses(y: LegOutput):
+    return y.p_r
 
 
 @component(output=LegOutput, losses=leg_losses, stage="network", passive=True)
@@ -69,5 +72,5 @@ class HalfBridge:
     """One leg between the poles of a DC bus, its current returning to the negative rail."""
 
     R_d: Ohm = param(
-        "resistance of a diode, where the bus is short-circuited", default=2e-3, above=0.0, source="typical"
+        "resistance of a diode while the bus voltage is reversed", default=2e-3, above=0.0, source="typical"
     )
