@@ -585,8 +585,8 @@ def go(
         waves.first(writer)
     if keeper is not None:
         keeper.write(run)  # so that there is something to continue at any instant
-    began = time.perf_counter() - run.wall_s
     with Interrupt() as interrupt, Crew(plan, work, run.workers) as crew:
+        began = time.perf_counter() - run.wall_s
         while work.n < last and not interrupt.asked:
             due.give()
             stop = int(min(last, work.n + chunk, due.until(), waves.until(work.n)))
