@@ -33,6 +33,7 @@ from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
+from shipgrid.names import checked
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import seconds
 from shipgrid.scenarios.output_folder import (
@@ -302,7 +303,7 @@ def simulate(
     Raises
     ------
     ParameterError
-        If fidelity, step, end, a window or the output folder cannot be used; nothing is written then.
+        If fidelity, step, end, a window, a name or the output folder cannot be used; nothing is written then.
     InputErrors
         If there is nothing to continue, or only runs of another ship, scenario, step or program, with what differs.
     SolverError
@@ -321,6 +322,8 @@ def simulate(
     end = scenario.duration if until is None else seconds("until", until)
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
+    for what, made in (("ship", ship), ("scenario", scenario)):  # one made in Python has been read from no file
+        checked(made.name, what)
     ship = scenario.ship_at_start(ship)
     groups = parts_wanted(ship, parts, h)
     plan = build(ship, h, fidelity, scenario.rules, groups)
@@ -402,8 +405,14 @@ def simulate(
 
 
 def default_place(scenario: Any, fidelity: str) -> Path:
-    """Folder of the results of a scenario's runs."""
-    return Path(f"results/{scenario.name}-{fidelity}")
+    """Folder of the results of a scenario's runs.
+
+    Raises
+    ------
+    ParameterError
+        If the scenario's name cannot be part of a folder's.
+    """
+    return Path("results") / f"{checked(scenario.name, 'scenario')}-{fidelity}"
 
 
 def _unfinished_run(
