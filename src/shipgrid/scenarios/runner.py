@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import shutil
 import signal
 import subprocess
 import threading
@@ -37,11 +36,18 @@ from shipgrid.names import checked
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import seconds
 from shipgrid.scenarios.output_folder import (
+    COMMANDS,
     MARK,
+    MARK_BEGINS,
+    REALTIME,
+    REPORT,
+    RESULTS,
     SNAPSHOT,
+    SUMMARY,
     UNFINISHED,
     OutputFolder,
     check_room,
+    copied_rows,
     finish,
     prepare,
     sync_folder,
@@ -49,7 +55,7 @@ from shipgrid.scenarios.output_folder import (
     unfinished,
     write_text,
 )
-from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
+from shipgrid.scenarios.outside import Outside, as_lines, merged_commands, read_outside
 from shipgrid.scenarios.parts import Groups, parts_wanted
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
@@ -57,8 +63,6 @@ from shipgrid.scenarios.row_log import RowLog, make_results
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
-SUMMARY = "summary.json"
-REALTIME = "realtime.json"
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
 TRIAL_STEPS = 2000
@@ -396,7 +400,7 @@ def simulate(
     final = folder.commit()
     if report:
         with open_results(final) as written:
-            written.report(final / "report.html")
+            written.report(final / REPORT)
     if not run.interrupted:
         finish(final)
     if run.failure:
@@ -447,7 +451,7 @@ def _unfinished_run(
     if path == Path(os.path.abspath(place)):  # interrupted, and put there: it stays until there is more
         folder = prepare(place, needed)
         try:
-            shutil.copytree(path / UNFINISHED, folder.unfinished, ignore=lambda *_: {SNAPSHOT})
+            copied_rows(path, folder)
         except BaseException:
             folder.discard()
             raise
@@ -547,8 +551,7 @@ def _conclude(
     if run.realtime:
         summary["realtime"] = {name: value for name, value in run.realtime.items() if name != "histograms"}
         write_text(folder / REALTIME, json.dumps(run.realtime))
-    (folder / SUMMARY).write_text(json.dumps(summary, indent=1))
-    with open_results(folder) as written:
+    with Results(folder, folder / RESULTS) as written:
         figures = {name: summary[name] for name in FIGURES}
         summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
         summary["class_limits"] = [v.as_dict() for v in class_verdicts(ship, written)]
@@ -819,7 +822,7 @@ def _run_yaml(
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
-        "# Written by shipgrid: everything needed to repeat this run, with `shipgrid run` and the path of this file.",
+        f"{MARK_BEGINS} everything needed to repeat this run, with `shipgrid run` and the path of this file.",
         "schema: 1",
         f"fidelity: {fidelity}",
         f"step: {step!r} s",
