@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import shipgrid as sg
 from scenarios.killed_runs import SCENARIO, WINDOWS, case, simulate, started
 from shipgrid.cli.main import app
-from shipgrid.errors import InputErrors, SolverError
+from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.output_folder import MARK_BEGINS, SNAPSHOT, UNFINISHED, taken_over, unfinished
 from shipgrid.scenarios.outside import Outside, read_outside
@@ -228,6 +228,10 @@ def test_an_interrupted_run_stands_in_its_place_until_it_is_continued_and_done(w
     assert first.summary["interrupted"] and names(tmp_path) == ["out"]
     at = first.summary["simulated_s"]
     assert first.events[-1].text == "interrupted"
+    (out / "plot.png").write_bytes(b"PNG")  # it is put in place of this folder when it is done
+    with pytest.raises(ParameterError, match=r"holds 'plot.png', which shipgrid did not write"):
+        simulate(out, resume=True)
+    (out / "plot.png").unlink()
     second = simulate(out, resume=True, progress=interrupt_at(0.8))
     assert second.summary["interrupted"] and second.summary["simulated_s"] > at
     assert second.summary["continued_at_s"] == [at]
