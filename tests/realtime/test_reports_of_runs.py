@@ -104,15 +104,6 @@ def test_live_in_parts_on_several_threads(tmp_path):
     assert "when all cores have run their parts" in text and "core 3" in text
 
 
-def test_live_and_stopped_before_its_first_step(tmp_path):
-    executive = Executive(HURRY)
-    executive.attached = lambda shared, run: executive.stop() or dict
-    results = simulate(tmp_path / "run", **SHORT, live=executive)
-    assert results.summary["interrupted"] and results.summary["steps"] == 0
-    assert "No step was run" in text_of(tmp_path / "run")
-    json.loads((tmp_path / "run" / "summary.json").read_text(), parse_constant=pytest.fail)  # JSON has no NaN
-
-
 def test_killed_and_opened_unfinished(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "WALL_PER_CHUNK", 1e-3)
     killed_in_the_middle(tmp_path / "run", 0.05, **SHORT)

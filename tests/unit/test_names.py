@@ -111,16 +111,17 @@ def test_every_bundled_name_is_a_name(what):
         assert mistake_in(open_document(what, path).root.entries[what].text) == ""
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_a_file_with_such_a_name_is_refused_with_its_line(ship, name):
-    if "\x00" in name:
-        return  # YAML has no such character
+@pytest.mark.parametrize("name", [name for name in WRONG if "\x00" not in name])  # YAML has no such character
+def test_a_scenario_with_such_a_name_is_refused_with_its_line(ship, name):
     document = read_text(SCENARIO.format(name=quoted(name)), "my.yaml")
     (line,) = read_scenario(document, ship.catalogue).problems.lines()
     assert line.startswith(f"my.yaml:2: scenario: {shown(name)} is not a name: {WRONG[name]}, expected letters, digits")
-    text = bundled("ship")["ferry"].read_text().replace("ship: ferry", f"ship: {quoted(name)}", 1)
+
+
+def test_a_ship_with_such_a_name_is_refused_with_its_line():
+    text = bundled("ship")["ferry"].read_text().replace("ship: ferry", "ship: ../../pwned/x", 1)
     (line,) = read_ship(read_text(text, "my.yaml")).problems.lines()
-    assert line.startswith(f"my.yaml:6: ship: {shown(name)} is not a name: {WRONG[name]}, expected letters, digits")
+    assert line.startswith("my.yaml:6: ship: '../../pwned/x' is not a name: it has '/', expected letters, digits")
 
 
 def test_a_wrong_name_comes_with_all_other_mistakes(ship):
