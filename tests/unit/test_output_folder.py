@@ -9,7 +9,7 @@ import pytest
 
 from shipgrid.errors import ParameterError
 from shipgrid.scenarios import output_folder
-from shipgrid.scenarios.output_folder import MARK, MARK_BEGINS, finish, foreign, prepare, removed, taken_over
+from shipgrid.scenarios.output_folder import MARK, MARK_BEGINS, finish, foreign, prepare, remove, taken_over
 
 WHOLE = ("results.nc", "summary.json", "realtime.json", "report.html", "commands.csv", "registers.csv")
 BEGUN = ("columns.json", "snapshot.npz", "commands.csv", "results.nc", "plant.rows", "waveforms-12.rows")
@@ -217,7 +217,7 @@ def test_a_folder_with_anything_foreign_in_it_is_refused_before_the_run_and_stay
     with pytest.raises(ParameterError, match=rf"--out: {out} holds '{name}', which shipgrid did not write .* moved"):
         prepare(out)
     assert contents(tmp_path) == before
-    assert not removed(out)
+    assert not remove(out)
     assert contents(tmp_path) == before
 
 

@@ -78,7 +78,7 @@ class OutputFolder:
         """Put the folder in its place, in place of an older one, and return the place.
 
         An older folder of results in which somebody has put something during the run is kept beside the place; a
-        warning is logged that says where.
+        warning with its new name is logged.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class OutputFolder:
                         f"--out: {self.place} {obstacle}; the results are in {self.path}, and --resume puts them there "
                         "when that has been moved away"
                     )
-                removed(older)  # of an attempt that was killed between the two renames
+                remove(older)  # of an attempt that was killed between the two renames
                 older = _free(older)
                 self.place.rename(older)
                 moved = True
@@ -109,7 +109,7 @@ class OutputFolder:
             raise ParameterError(what) from wrong
         finally:
             self.release()
-        if os.path.lexists(older) and not removed(older):
+        if os.path.lexists(older) and not remove(older):
             self._keep(older)
         return self.place
 
@@ -125,7 +125,7 @@ class OutputFolder:
 
     def discard(self) -> None:
         """Throw away what was written; an older folder in its place is untouched."""
-        if not removed(self.path):
+        if not remove(self.path):
             _LOG.warning("%s stays: it has something that shipgrid did not write", self.path)
         self.release()
 
@@ -263,11 +263,11 @@ def finish(final: Path) -> None:
     """Remove what a run in its place would be continued from: it is done, and on the disk."""
     sync_folder(final.parent)
     (final / UNFINISHED / SNAPSHOT).unlink(missing_ok=True)  # first: without it nobody takes the rest for a run
-    if not _emptied(final / UNFINISHED):
+    if not _remove_files(final / UNFINISHED):
         _LOG.warning("%s stays: it has something that shipgrid did not write", final / UNFINISHED)
 
 
-def copied_rows(path: Path, to: OutputFolder) -> None:
+def copy_rows(path: Path, to: OutputFolder) -> None:
     """Copy what an unfinished run is continued from, but for its snapshot, into a folder being written.
 
     Parameters
@@ -322,7 +322,7 @@ def foreign(folder: Path) -> list[str]:
     return names
 
 
-def removed(folder: Path) -> bool:
+def remove(folder: Path) -> bool:
     """Remove a folder of results if all that is in it is shipgrid's own; whether it is gone.
 
     What is put there while it is being removed stays, and the folder with it.
@@ -332,7 +332,7 @@ def removed(folder: Path) -> bool:
     folder : Path
     """
     try:
-        return not foreign(folder) and _emptied(folder / UNFINISHED) and _emptied(folder)
+        return not foreign(folder) and _remove_files(folder / UNFINISHED) and _remove_files(folder)
     except OSError:
         return False
 
@@ -382,7 +382,7 @@ def _ours(entry: os.DirEntry[str], names: re.Pattern[str]) -> bool:
     return entry.is_file(follow_symlinks=False) and bool(names.fullmatch(part[1] if part else entry.name))
 
 
-def _emptied(folder: Path) -> bool:
+def _remove_files(folder: Path) -> bool:
     """Remove the files that shipgrid writes, and the folder if nothing else is in it; whether it is gone."""
     if not os.path.lexists(folder):
         return True

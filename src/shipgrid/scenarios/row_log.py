@@ -45,7 +45,7 @@ class RowLog:
     Raises
     ------
     ValueError
-        If the name of a group is none.
+        If the name of a group cannot be made that of a file.
     OSError
         If a file cannot be written, or has fewer rows.
     """

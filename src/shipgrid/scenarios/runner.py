@@ -47,7 +47,7 @@ from shipgrid.scenarios.output_folder import (
     UNFINISHED,
     OutputFolder,
     check_room,
-    copied_rows,
+    copy_rows,
     finish,
     prepare,
     sync_folder,
@@ -451,7 +451,7 @@ def _unfinished_run(
     if path == Path(os.path.abspath(place)):  # interrupted, and put there: it stays until there is more
         folder = prepare(place, needed)
         try:
-            copied_rows(path, folder)
+            copy_rows(path, folder)
         except BaseException:
             folder.discard()
             raise
