@@ -22,9 +22,10 @@ from scenarios.test_resume import recorded, same
 from shipgrid.errors import RealTimeError
 from shipgrid.realtime.executive import Executive
 from shipgrid.realtime.gateway import Gateway
-from shipgrid.realtime.registers import FILE, registers
+from shipgrid.realtime.registers import registers
 from shipgrid.realtime.udp import COMMAND, COMMANDS, packet
 from shipgrid.scenarios import runner
+from shipgrid.scenarios.output_folder import REGISTERS, foreign
 from shipgrid.scenarios.outside import read_outside
 
 CONTROLLER = Path(__file__).parents[2] / "examples" / "controllers" / "power_management.py"
@@ -92,7 +93,7 @@ class Attached:
 
 def controller(attached, *words):
     host, port = attached.gateway.listening["udp"]
-    list_ = attached.run.folder / FILE
+    list_ = attached.run.folder / REGISTERS
     words = (sys.executable, str(CONTROLLER), f"{host}:{port}", "--registers", str(list_), *words)
     return subprocess.Popen(words, env={**os.environ, "SHIPGRID_TOKEN": f"{TOKEN:016x}"}, stdout=subprocess.DEVNULL)
 
@@ -131,10 +132,11 @@ def test_the_ship_keeps_sailing_while_its_controller_is_killed_and_started_again
     found = results.summary["realtime"]["gateway"]
     assert (found["sessions"], found["failure"]) == (2, "")
     assert "set to -128 A, by UDP" in [event.text for event in results.events]
-    with (tmp_path / "run" / FILE).open() as file:
+    with (tmp_path / "run" / REGISTERS).open() as file:
         lines = list(csv.DictReader(file))
     ship = case()[0]
     assert [line["name"] for line in lines] == [line.name for line in registers(ship.signals, ship.commands)]
+    assert foreign(tmp_path / "run") == []
 
 
 @pytest.fixture(scope="module")

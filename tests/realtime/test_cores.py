@@ -13,8 +13,8 @@ from shipgrid.analysis.steady_state import carried_over
 from shipgrid.errors import InputErrors
 from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import runner
-from shipgrid.scenarios.output_folder import unfinished
-from shipgrid.scenarios.outside import COMMANDS, read_outside
+from shipgrid.scenarios.output_folder import COMMANDS, unfinished
+from shipgrid.scenarios.outside import read_outside
 
 PARTS = {"for": ["dc_for"], "aft": ["dc_aft"], "grid": ["ac_for", "ac_aft"]}
 UNTIL = 0.7

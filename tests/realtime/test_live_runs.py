@@ -20,8 +20,8 @@ from shipgrid.errors import ParameterError
 from shipgrid.realtime.desk import MODBUS
 from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import runner, snapshot
-from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, unfinished
-from shipgrid.scenarios.outside import COMMANDS, read_outside
+from shipgrid.scenarios.output_folder import COMMANDS, SNAPSHOT, UNFINISHED, unfinished
+from shipgrid.scenarios.outside import read_outside
 
 STEP = 70e-6
 HURRY = 1000.0

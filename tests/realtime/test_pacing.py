@@ -3,12 +3,15 @@ depends on this machine's time."""
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 import shipgrid as sg
 from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.io.report import clock_table
 from shipgrid.realtime import monitor
 from shipgrid.solvers import pacing
 
@@ -126,6 +129,13 @@ def test_percentiles_are_those_of_the_durations(circuit):
         assert 0.0 <= monitor.percentile(histogram, share) * 1e9 - exact <= pacing.BIN
     worst = sorted(int(w.computation) for w in work.pace.pace_worst)
     assert worst == sorted(durations.tolist())[-4:]
+
+
+def test_a_run_that_is_stopped_before_its_first_step_has_figures_that_json_can_say():
+    found = monitor.figures(pacing.pace_work(bins=100, windows=4, worst=4, commands=4, signals=0), 30e-6, 1.0)
+    assert monitor.verdict(found) == "no step was run"
+    assert '"p99": null' in json.dumps(found, allow_nan=False)
+    assert ("computation", "0.00", "", "", "", "") in clock_table(found)
 
 
 def test_what_lies_beyond_a_histogram_is_in_its_last_bin(circuit):

@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 import shipgrid as sg
 from scenarios.killed_runs import SCENARIO, WINDOWS, case, simulate, started
 from shipgrid.cli.main import app
-from shipgrid.errors import InputErrors, SolverError
+from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.scenarios import runner
-from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, taken_over, unfinished
+from shipgrid.scenarios.output_folder import MARK_BEGINS, SNAPSHOT, UNFINISHED, taken_over, unfinished
 from shipgrid.scenarios.outside import Outside, read_outside
 
 FIND_START = runner.start
@@ -186,6 +186,27 @@ def test_results_of_a_killed_run_can_be_opened_as_far_as_its_last_snapshot(whole
     assert same(out, whole) and names(tmp_path) == ["out"]
 
 
+def test_who_reads_a_run_under_way_takes_nothing_from_it(whole, tmp_path, hurried, monkeypatch):
+    """Not even when its results have just been made, and their summary has not."""
+    out, lengths, instants = tmp_path / "out", [], [0.8]
+
+    def read():
+        (folder,) = unfinished(out)
+        with sg.open_results(folder) as run:
+            lengths.append(len(run["dc_for.v_dc"]))
+
+    def under_way(now, end):
+        if instants and now > instants[0]:
+            instants.pop(0)
+            read()
+
+    real = runner.energy_balance
+    monkeypatch.setattr(runner, "energy_balance", lambda *words: (read(), real(*words))[1])
+    simulate(out, progress=under_way)
+    assert same(out, whole)
+    assert len(lengths) == 2 and 8 <= lengths[0] < lengths[1] < 16
+
+
 class Killed(BaseException):
     """Nothing in the program handles it: what it leaves is what a kill at that instant would."""
 
@@ -207,6 +228,10 @@ def test_an_interrupted_run_stands_in_its_place_until_it_is_continued_and_done(w
     assert first.summary["interrupted"] and names(tmp_path) == ["out"]
     at = first.summary["simulated_s"]
     assert first.events[-1].text == "interrupted"
+    (out / "plot.png").write_bytes(b"PNG")  # it is put in place of this folder when it is done
+    with pytest.raises(ParameterError, match=r"holds 'plot.png', which shipgrid did not write"):
+        simulate(out, resume=True)
+    (out / "plot.png").unlink()
     second = simulate(out, resume=True, progress=interrupt_at(0.8))
     assert second.summary["interrupted"] and second.summary["simulated_s"] > at
     assert second.summary["continued_at_s"] == [at]
@@ -334,7 +359,8 @@ def test_a_damaged_snapshot_is_refused(left):
 def test_a_run_whose_disk_fills_up_is_continued_when_there_is_room(what, whole, tmp_path, hurried, monkeypatch):
     out = tmp_path / "out"
     out.mkdir()
-    (out / "run.yaml").write_text("older")
+    older = f"{MARK_BEGINS} older"
+    (out / "run.yaml").write_text(older)
     names_of = {
         "rows": (runner.RowLog, "append"),
         "snapshot": (runner.snapshot, "write"),
@@ -353,7 +379,7 @@ def test_a_run_whose_disk_fills_up_is_continued_when_there_is_room(what, whole, 
         patch.setattr(owner, name, full)
         with pytest.raises(SolverError, match=r"No space left on device; what was computed is in .*\.out-.*--resume"):
             simulate(out)
-    assert (out / "run.yaml").read_text() == "older"  # results that were there are not lost for half a run
+    assert (out / "run.yaml").read_text() == older  # results that were there are not lost for half a run
     simulate(out, resume=True)
     assert same(out, whole) and names(tmp_path) == ["out"]
 

@@ -8,7 +8,8 @@ from shipgrid.errors import InputErrors
 from shipgrid.io.run_file import read_run_file
 from shipgrid.io.ship_file import load_ship, open_document
 from shipgrid.io.yaml_lines import read_document
-from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
+from shipgrid.scenarios.output_folder import COMMANDS
+from shipgrid.scenarios.outside import Outside, as_lines, merged_commands, read_outside
 
 SCENARIO = "schema: 1\nscenario: short\nduration: 1 s\nstart: {state: moored, closed: [dc_tie]}\n"
 RUN = """\

@@ -69,7 +69,7 @@ class Crew:
         self.plan, self.entry = plan, woven_entry(plan)
         self.posts = new_posts(workers, crowded=workers > len(cores()) if crowded is None else crowded)
         self.crew = shared_out(plan, workers)
-        self.arguments = [crew_arguments(plan, work, self.posts, self.crew, worker) for worker in range(workers)]
+        self.arguments = crew_arguments(plan, work, self.posts, self.crew)
         self.joined = joined or (lambda worker: None)
         self.threads: list[threading.Thread] = []
         self.wrong: BaseException | None = None

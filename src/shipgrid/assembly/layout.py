@@ -39,7 +39,7 @@ class TypeLayout:
     parameters: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-@dataclass
+@dataclass(eq=False)
 class Layout:
     """The flat vector by name.
 

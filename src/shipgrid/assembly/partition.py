@@ -12,7 +12,6 @@ is cut moves at both ends at once, and a step later too.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -24,8 +23,6 @@ from shipgrid.model.network import Network, Placed, PortBinding
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import StateSpace, stage_matrices, state_space
 
-PART_NAME = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)*")
-"""Names of parts, as of buses."""
 SURPLUS = 0.05
 """Largest capacitance of a line, over that of the better of its ends, at which a plant is cut without being told to."""
 

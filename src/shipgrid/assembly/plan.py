@@ -101,7 +101,7 @@ class StepWork(NamedTuple):
     event_count: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """A plant ready to run at one step length.
 

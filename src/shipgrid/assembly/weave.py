@@ -19,18 +19,19 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numba
 import numpy as np
 
 import shipgrid
-from shipgrid.assembly.layout import TypeLayout
+from shipgrid.assembly.layout import Layout, TypeLayout
 from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.assembly.stiff import capacitor_path
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES, ComponentType, type_of
-from shipgrid.model.kernel import ArrayTable, argument_names, call_uncompiled, in_one_piece, without_sign
-from shipgrid.model.network import Delayed, Placed
+from shipgrid.model.kernel import ArrayTable, TableRow, argument_names, call_uncompiled, in_one_piece, without_sign
+from shipgrid.model.network import Delayed, Network, Placed
 from shipgrid.model.ops import wrap
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers import bookkeeping, conduction, nodal, pacing, stub_lines
@@ -72,16 +73,38 @@ def _package_sources() -> bytes:
     return digest.digest()
 
 
-def woven_name(plan: Plan, text: str | None = None) -> str:
+@dataclass(frozen=True)
+class Woven:
+    """A woven module: the network that it was made for, its text, and the name it has by that."""
+
+    network: Network
+    text: str
+    name: str
+
+
+_WOVEN: WeakKeyDictionary[Layout, Woven] = WeakKeyDictionary()
+"""Modules by the layout of their plans. A copy of a plan that records other signals has its layout, and its module."""
+
+
+def woven(plan: Plan) -> Woven:
+    """The woven module of a plan: made once, since to make it takes as long as some thousand steps."""
+    module = _WOVEN.get(plan.layout)
+    if module is None or module.network is not plan.network:
+        text = weave(plan)
+        digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+        module = Woven(plan.network, text, f"woven_{source_hash(plan.layout.types)}_{digest}")
+        _WOVEN[plan.layout] = module
+    return module
+
+
+def woven_name(plan: Plan) -> str:
     """Name of a plan's woven module: hashes of the sources and of its text, which holds the order within a stage."""
-    digest = hashlib.sha256((text or weave(plan)).encode()).hexdigest()[:8]
-    return f"woven_{source_hash(plan.layout.types)}_{digest}"
+    return woven(plan).name
 
 
 def woven_entry(plan: Plan) -> Callable[..., int]:
     """The compiled `run(n_steps, first_step, ...)` of a plan's set of component types."""
-    text = weave(plan)
-    name = woven_name(plan, text)
+    name, text = woven(plan).name, woven(plan).text
     if name in sys.modules:
         return sys.modules[name].run
     folder = cache_folder()
@@ -105,54 +128,92 @@ def woven_entry(plan: Plan) -> Callable[..., int]:
 
 def arguments(plan: Plan, work: Workspace) -> tuple[Any, ...]:
     """What the entry point takes after the step numbers, for one thread that runs the whole plant."""
-    return crew_arguments(plan, work, new_posts(1), [0] * len(plan.parts), 0)
+    return crew_arguments(plan, work, new_posts(1), [0] * len(plan.parts))[0]
 
 
-def crew_arguments(plan: Plan, work: Workspace, posts: np.ndarray, crew: Sequence[int], worker: int) -> tuple[Any, ...]:
-    """What the entry point takes after the step numbers, for one of several threads.
+def crew_arguments(plan: Plan, work: Workspace, posts: np.ndarray, crew: Sequence[int]) -> list[tuple[Any, ...]]:
+    """What the entry point takes after the step numbers, for each of several threads.
 
-    For each part, and last for the plan itself, a row: where all arrays are, whole numbers, and other numbers.
+    For each part, and last for the plan itself, a row: where all arrays are, whole numbers, and other numbers. The
+    threads share them: what a row names is written by the thread alone that has its part.
 
     Parameters
     ----------
     plan : Plan
     work : Workspace
     posts : ndarray
-        Of `solvers.crew.new_posts`.
+        Of `solvers.crew.new_posts`, one a thread.
     crew : sequence of int
-        Worker of each part.
-    worker : int
-        Which of them this one is; it has one part at least.
+        Worker of each part; each worker has one part at least.
     """
-    rows = [named_values(*piece) for piece in zip((*plan.parts, plan), (*work.parts, work), strict=True)]
-    table = ArrayTable([list(arrays.values()) for arrays, _ in rows])
-    whole = np.array([[n for n in numbers.values() if isinstance(n, int)] for _, numbers in rows], dtype=np.int64)
-    real = np.array([[n for n in numbers.values() if not isinstance(n, int)] for _, numbers in rows])
-    return worker, table.numbers, whole, real, np.array(crew, dtype=np.int64), posts
+    pieces = list(zip((*plan.parts, plan), (*work.parts, work), strict=True))
+    table = ArrayTable([_table_row(piece) for piece, _ in pieces], [_moving(*both) for both in pieces])
+    numbers = [numbers_of(piece).values() for piece, _ in pieces]
+    whole = np.array([[n for n in row if isinstance(n, int)] for row in numbers], dtype=np.int64)
+    real = np.array([[n for n in row if not isinstance(n, int)] for row in numbers])
+    shared = table.numbers, whole, real, np.array(crew, dtype=np.int64), posts
+    return [(worker, *shared) for worker in range(len(posts))]
 
 
-def named_values(plan: Plan, work: Workspace) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """By name, the arrays and the numbers that a woven module works on: plan, workspace, views of the flat vector."""
+_ROWS: WeakKeyDictionary[Layout, tuple[NetworkPlan, TableRow]] = WeakKeyDictionary()
+"""Rows of the table of arrays by the layout of their plan, each with the network plan whose arrays it names."""
+
+
+def _table_row(plan: Plan) -> TableRow:
+    """Where the arrays of a plan lie: made once for all copies of it that differ in their `step` alone."""
+    net, row = _ROWS.get(plan.layout, (None, None))
+    if row is None or net is not plan.net:
+        work = new_workspace(plan)
+        moving = _moving(plan, work)
+        row = TableRow(named_values(plan, work, moving["scratch"]), moving)
+        _ROWS[plan.layout] = plan.net, row
+    return row
+
+
+def _moving(plan: Plan, work: Workspace) -> dict[str, np.ndarray]:
+    """The arrays that another workspace, or a copy of the plan with another `step`, has its own of; scratch memory."""
+    of_step = {name: without_sign(a) for name, a in plan.step._asdict().items() if isinstance(a, np.ndarray)}
+    of_work = {"sig": work.sig, **work.net._asdict(), **work.step._asdict(), **work.pace._asdict()}
+    return of_work | of_step | {"scratch": scratch_of(plan)}
+
+
+def scratch_of(plan: Plan) -> np.ndarray:
+    """Memory for copies of the states of every component: start of step, stage, rates."""
+    size = sum(len("abc") * _even(len(t.placed) * t.nx) for t in plan.layout.types)
+    return in_one_piece({"scratch": np.zeros(size)})["scratch"]
+
+
+def _even(count: int) -> int:
+    """A number of floating-point numbers that fill whole units of 16 bytes."""
+    return count + count % 2
+
+
+def numbers_of(plan: Plan) -> dict[str, float]:
+    """By name, the numbers that a woven module works with."""
+    fields = {**plan.net._asdict(), **plan.step._asdict()}
+    return {name: value for name, value in fields.items() if not isinstance(value, np.ndarray)}
+
+
+def named_values(plan: Plan, work: Workspace, scratch: np.ndarray) -> dict[str, np.ndarray]:
+    """By name, the arrays that a woven module works on: plan, workspace, views of the flat vector and of scratch."""
     constant: dict[str, Any] = {
         "sources": plan.gathers["network"]["latest"],
         **plan.net._asdict(),
         **plan.step._asdict(),
     }
     moving: dict[str, Any] = {"sig": work.sig, **work.net._asdict(), **work.step._asdict(), **work.pace._asdict()}
-    scratch = in_one_piece(
-        {f"{t.kind.key}_{name}": np.zeros((len(t.placed), t.nx)) for t in plan.layout.types for name in "abc"}
-    )
+    at = 0
     for t in plan.layout.types:
         moving |= dict(type_views(plan, work, t))
-        for name in "abc" if t.nx else "":  # copies of the states: start of step, stage, rates
-            flat = scratch[f"{t.kind.key}_{name}"]
+        for name in "abc" if t.nx else "":
+            size = len(t.placed) * t.nx
+            flat = scratch[at : at + size].reshape(len(t.placed), t.nx)
             moving[f"{t.kind.key}_{name}f"] = flat
             moving[f"{t.kind.key}_{name}"] = flat.ravel().view(record_dtype(t.kind.state))
+            at += _even(size)
         constant |= {f"{t.kind.key}_{name}": value for name, value in plan.gathers.get(t.kind.key, {}).items()}
         constant[f"{t.kind.key}_clock"] = plan.clock_of[t.kind.key]
-    numbers = {name: value for name, value in constant.items() if not isinstance(value, np.ndarray)}
-    places = {name: without_sign(value) for name, value in constant.items() if name not in numbers}
-    return moving | places, numbers
+    return moving | {name: without_sign(value) for name, value in constant.items() if isinstance(value, np.ndarray)}
 
 
 def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, Any]]:
@@ -204,8 +265,8 @@ def weave(plan: Plan) -> str:
 
     functions: list[str] = []
     calls: list[str] = []
-    arrays, numbers = named_values(plan, new_workspace(plan))
-    places = dict(zip(arrays, ArrayTable([list(arrays.values())]).places, strict=True))
+    arrays, numbers = named_values(plan, new_workspace(plan), scratch_of(plan)), numbers_of(plan)
+    places = TableRow(arrays, {}).places
     views: dict[tuple[str, int], str] = {}
     ordered = type_order(plan)
 

@@ -166,6 +166,7 @@ def live(
         _refuse("--console: not in this version")
     with _errors_as_exit_status():
         from shipgrid.realtime.executive import Executive
+        from shipgrid.scenarios.runner import default_place
 
         gateway = _gateway({"udp": udp, "modbus": modbus}, on_loss, timeout)
         asked, found = _cores(cores)
@@ -176,7 +177,7 @@ def live(
         executive.cores = found[: max(1, len(case.options.get("parts") or ()))]
         for core in found[len(executive.cores) :]:
             typer.echo(f"--cores: the plant has no part for core {core}", err=True)
-        place = out or Path(f"results/{case.scenario.name}-live")
+        place = out or default_place(case.scenario, "live")
         results = _simulate(case, place, report=not no_report, resume=resume, live=executive)
         _say_results(results)
         _say_realtime(results.summary["realtime"])

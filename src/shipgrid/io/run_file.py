@@ -11,6 +11,7 @@ from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.scenario_file import Scenario, read_case
 from shipgrid.io.ship_file import Ship, check_head, read_parts
 from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
+from shipgrid.names import mistake_in, shown
 from shipgrid.scenarios.outside import Outside, read_outside
 
 KEYS = (
@@ -118,7 +119,11 @@ def read_run_file(document: Document, overrides: Iterable[tuple[str, str]] = ())
             windows.append((start, end))
         except (ParameterError, ValueError):
             problems.add(item.place, "waveforms", "is not a window, expected FROM:TO, such as 170 s:170.2 s")
-    file = Path(document.file).parent / text("outside", "a file of commands") if "outside" in root else None
+    commands = text("outside", "a file of commands") if "outside" in root else ""
+    if commands and (wrong := mistake_in(commands)):
+        what = f"{shown(commands)} is no file beside this one: {wrong}, expected such as commands.csv"
+        problems.add(root.entries["outside"].place, "outside", what)
+    file = Path(document.file).parent / commands if commands else None
     cut = read_parts(root, problems)
     changed = root.get("set")
     earlier = {path: n.text for path, n in changed if isinstance(n, Scalar)} if isinstance(changed, Section) else {}

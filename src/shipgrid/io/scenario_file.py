@@ -20,6 +20,7 @@ from shipgrid.io.quantities import parse_quantity, show_quantity
 from shipgrid.io.ship_file import Catalogue, Ship, check_head, fields_of_kind, load_ship, open_document, read_ship
 from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, nearest, replaced
 from shipgrid.model.component import Bounds, unit_of
+from shipgrid.names import refusal
 
 STATES = ("moored", "cold")
 """States a scenario may start from: alongside with what is then on, found from the equations; or all off."""
@@ -241,6 +242,8 @@ class _ScenarioReader:
         keys = ("schema", "scenario", "description", "duration", "step", "start", "rules", "timeline", "requirements")
         check_head(root, self.problems, keys)
         name = self.text(root, "scenario", "", "the name of the scenario")
+        if name is not None and (wrong := refusal(name)):
+            self.problems.add(root.entries["scenario"].place, "scenario", wrong)
         duration = self.time(root, "duration", "", required=True)
         if duration == 0.0:
             self.problems.add(root.entries["duration"].place, "duration", "nothing lasts 0 s, expected more")

@@ -10,7 +10,6 @@ import dataclasses
 from typing import Any
 
 from shipgrid.analysis.requirements import MEASURES, PAIRS, RULES
-from shipgrid.assembly.partition import PART_NAME
 from shipgrid.automation.modes import MODES
 from shipgrid.automation.power_management import RULES as PLANT_RULES
 from shipgrid.equipment.declaration import EQUIPMENT
@@ -18,9 +17,11 @@ from shipgrid.io.quantities import EXAMPLES
 from shipgrid.io.scenario_file import STATES
 from shipgrid.io.ship_file import BUSBARS, default_of, fields_of_kind, is_required
 from shipgrid.model.component import load_all, unit_of
+from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
-_NAMES = {"pattern": "^[a-z][a-z0-9_]*$"}
+_NAMES = {"pattern": f"^{ITEM_NAME.pattern}$"}
+_NAME = {"type": "string", "minLength": 1, "maxLength": LONGEST}
 _TIME = {"type": "string", "description": "a time with its unit [s]", "examples": ["10 s", "5 min"]}
 _VALUE = {"type": ["string", "number", "boolean"], "description": "a quantity with its unit, a word, or true or false"}
 
@@ -31,7 +32,7 @@ def ship_schema() -> dict[str, Any]:
     items = [_kind(name, kind.cls) for name, kind in EQUIPMENT.items() if name != "hull"]
     properties: dict[str, Any] = {
         "schema": {"const": 1},
-        "ship": {"type": "string", "description": "name of the ship"},
+        "ship": {**_NAME, "description": "name of the ship"},
         "description": {"type": "string"},
         "buses": _named(_by_kind([_kind(name, cls) for name, cls in BUSBARS.items()])),
         "equipment": _named(_by_kind(items)),
@@ -98,7 +99,7 @@ def scenario_schema() -> dict[str, Any]:
     }
     properties = {
         "schema": {"const": 1},
-        "scenario": {"type": "string", "description": "name of the scenario"},
+        "scenario": {**_NAME, "description": "name of the scenario"},
         "description": {"type": "string"},
         "duration": _TIME,
         "step": _TIME,

@@ -7,7 +7,6 @@ anything is built, and named by file, line and path.
 from __future__ import annotations
 
 import dataclasses
-import re
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from shipgrid.assembly.partition import PART_NAME, divide
+from shipgrid.assembly.partition import divide
 from shipgrid.automation.modes import MODES, mode_commands
 from shipgrid.components.electrical.bar_meter import BarMeter
 from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
@@ -36,6 +35,7 @@ from shipgrid.io.yaml_lines import (
 )
 from shipgrid.model.component import Bounds, load_all, param, unit_of
 from shipgrid.model.network import Network
+from shipgrid.names import ITEM_EXPECTED, ITEM_NAME, PART_NAME, refusal, shown
 from shipgrid.units import Farad, Hertz, Ohm, Volt
 
 BUILD_ORDER = (
@@ -68,9 +68,6 @@ BOTH_WAYS = ("dc_breaker", "ac_breaker")
 
 NEED_HULL = ("propulsion",)
 """Kinds that push a hull."""
-
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
-"""Name of a part: one of its own, or that of a bus."""
 
 
 busbar = dataclass(frozen=True, kw_only=True)
@@ -410,6 +407,8 @@ class _ShipReader:
         if root.entries:
             self.head(root)
             name = self.word(root, "ship", "", "the name of the ship") or ""
+            if name and (wrong := refusal(name)):
+                self.problems.add(root.entries["ship"].place, "ship", wrong)
             self.read_buses(root)
             self.read_items(root)
             hull = self.read_hull(root)
@@ -466,8 +465,8 @@ class _ShipReader:
         for name, inner in node:
             place = node.keys[name]
             path = f"{key}.{name}"
-            if _NAME.fullmatch(name) is None or name == "hull":
-                self.problems.add(place, path, "is not a name, expected lower-case letters, digits and _ (not 'hull')")
+            if ITEM_NAME.fullmatch(name) is None or name == "hull":
+                self.problems.add(place, f"{key}.{shown(name)[1:-1]}", f"is not a name, {ITEM_EXPECTED} (not 'hull')")
             elif name in self.places:
                 self.problems.add(place, path, f"the name is taken on line {self.places[name].line}, expected another")
             elif not isinstance(inner, Section):
@@ -599,10 +598,8 @@ class _ShipReader:
 
     def new_name(self, node: Scalar, path: str) -> str | None:
         """A name that the item gives to a part of itself."""
-        if _NAME.fullmatch(node.text) is None:
-            self.problems.add(
-                node.place, path, f"'{node.text}' is not a name, expected lower-case letters, digits and _"
-            )
+        if ITEM_NAME.fullmatch(node.text) is None:
+            self.problems.add(node.place, path, f"{shown(node.text)} is not a name, {ITEM_EXPECTED}")
         elif node.text in self.places:
             what = f"the name '{node.text}' is taken on line {self.places[node.text].line}, expected another"
             self.problems.add(node.place, path, what)
@@ -792,7 +789,7 @@ def read_parts(root: Section, problems: Problems) -> dict[str, tuple[str, ...]]:
     for name, listed in node:
         path = f"parts.{name}"
         if PART_NAME.fullmatch(name) is None:
-            problems.add(node.keys[name], path, "is not a name, expected lower-case letters, digits and _")
+            problems.add(node.keys[name], f"parts.{shown(name)[1:-1]}", f"is not a name, {ITEM_EXPECTED}")
         if not isinstance(listed, Listing) or not listed.items:
             problems.add(listed.place, path, "has no buses, expected a list of them, such as [dc_for, ac_for]")
             continue

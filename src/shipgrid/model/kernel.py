@@ -16,7 +16,7 @@ import dis
 import platform
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain
 from types import FunctionType
@@ -62,20 +62,95 @@ class ArrayTable:
 
     An array as an argument is seven numbers, and they are passed on as often as functions nest: the hundreds of arrays
     of a ship took half of the compile time and an eighth of the step (docs/decisions/0002-woven-module.md).
+
+    Parameters
+    ----------
+    rows : sequence of TableRow
+    moved : sequence of mapping of str to ndarray
+        For each of them the arrays that take the place of those it was made with.
     """
 
-    def __init__(self, rows: Sequence[Sequence[np.ndarray]]) -> None:
-        if not all(a.flags.c_contiguous for arrays in rows for a in arrays):
-            raise ValueError("an array of a table must lie in one piece")
-        entries = [[[a.ctypes.data, *a.shape] for a in arrays] for arrays in rows]
-        self.places = np.cumsum([0, *map(len, entries[0])])[:-1].tolist()
-        self.kept = rows, np.array([list(chain(*row)) for row in entries], dtype=np.int64)
-        self.__array_interface__ = self.kept[1].__array_interface__
+    def __init__(self, rows: Sequence[TableRow], moved: Sequence[Mapping[str, np.ndarray]]) -> None:
+        numbers = np.array([row.numbers(arrays) for row, arrays in zip(rows, moved, strict=True)])
+        self.kept = numbers, list(rows), list(moved)
+        self.__array_interface__ = numbers.__array_interface__
 
     @property
     def numbers(self) -> np.ndarray:
         """The table itself, (rows, entries) of int64; it keeps alive what it names."""
         return np.asarray(self)
+
+
+class TableRow:
+    """One row of an `ArrayTable`: made once, and used again with other arrays in the place of some.
+
+    Of the hundreds of arrays of a ship most are the plan's own, or views of a few arrays of the workspace. To look all
+    of them up takes some milliseconds, to replace those few a tenth of one; it is done at each return to Python.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        All that the row names, in their order.
+    moving : mapping of str to ndarray
+        Arrays that others take the place of, some of `arrays` among them. What lies inside the memory of one goes with
+        it; what bears the name of one has its shape, too.
+
+    Attributes
+    ----------
+    places : dict of str to int
+        Where the entry of each array begins.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], moving: Mapping[str, np.ndarray]) -> None:
+        entries = [[_address(a), *a.shape] for a in _in_one_piece(arrays.values())]
+        starts = np.cumsum([0, *map(len, entries)])[:-1].tolist()
+        self.places = dict(zip(arrays, starts, strict=True))
+        self.row = np.array(list(chain(*entries)), dtype=np.int64)
+        self.names = list(moving)
+        self.whole = [name for name in arrays if name in moving]
+        spans = {name: range(_address(a), _address(a) + a.nbytes) for name, a in moving.items()}
+        moves: dict[str, tuple[int, int, int]] = {}  # place of its address, which array it lies in, bytes from there
+        for name, array in arrays.items():
+            address = _address(array)
+            owner = name if name in moving else next((n for n, span in spans.items() if address in span), None)
+            if owner is not None:
+                moves[name] = self.places[name], self.names.index(owner), address - spans[owner].start
+        self.moves = np.array(list(moves.values()), dtype=np.int64).reshape(-1, 3).T
+        shapes = [range(self.places[name] + 1, self.places[name] + 1 + arrays[name].ndim) for name in self.whole]
+        self.shapes = np.array(list(chain(*shapes)), dtype=np.int64)
+        self.kept = [array for name, array in arrays.items() if name not in moves]
+
+    def numbers(self, moved: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The row with other arrays in the place of those it was made with.
+
+        Parameters
+        ----------
+        moved : mapping of str to ndarray
+            By the names that `moving` had.
+
+        Raises
+        ------
+        ValueError
+            If one of them does not lie in one piece, or they have another number of dimensions.
+        """
+        addresses = np.array([_address(a) for a in _in_one_piece(moved[name] for name in self.names)], dtype=np.int64)
+        places, owner, offset = self.moves
+        row = self.row.copy()
+        row[places] = addresses[owner] + offset
+        row[self.shapes] = list(chain(*(moved[name].shape for name in self.whole)))
+        return row
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _in_one_piece(arrays: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Arrays as they are, if each lies in one piece."""
+    for array in arrays:
+        if not array.flags.c_contiguous:
+            raise ValueError("an array of a table must lie in one piece")
+        yield array
 
 
 CACHE_LINE = 64

@@ -13,6 +13,7 @@ from typing import Any
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
 from shipgrid.model.frames import PHASES
+from shipgrid.names import checked_path
 
 
 @dataclass(frozen=True)
@@ -223,6 +224,7 @@ class Network:
         return self._bus(AcBus(name, v_n, f_n))
 
     def _bus(self, bus: Any) -> Any:
+        checked_path(bus.name, self.name)
         if bus.name in self.buses:
             raise TopologyError(f"{self.name}: two buses of the name '{bus.name}'")
         self.buses[bus.name] = bus
@@ -396,6 +398,7 @@ class Network:
         )
 
     def _check_free(self, path: str) -> None:
+        checked_path(path, self.name)
         if path in self.placed:
             raise TopologyError(f"{self.name}: two components of the name '{path}'")
 
@@ -496,20 +499,20 @@ class Network:
 
     def command(self, path: str, value: float = 0.0) -> str:
         """Path of the signal of a command, declared with its value at the start."""
-        self.commands.setdefault(path, value)
+        self.commands.setdefault(checked_path(path, self.name), value)
         return f"command:{path}"
 
     def publish(self, name: str, *, source: str, unit: str, description: str, group: str = "plant") -> None:
         """Make a signal public: recorded and listed under `name`."""
         if name in self.published:
             raise TopologyError(f"{self.name}: two public signals of the name '{name}'")
-        self.published[name] = PublicSignal(name, source, unit, description, group)
+        self.published[checked_path(name, self.name)] = PublicSignal(name, source, unit, description, group)
 
     def publish_waveform(self, waveform: Waveform) -> None:
         """Make a quantity public in waveform windows, beside all public signals."""
         if waveform.name in self.waveforms or waveform.name in self.published:
             raise TopologyError(f"{self.name}: two public signals of the name '{waveform.name}'")
-        self.waveforms[waveform.name] = waveform
+        self.waveforms[checked_path(waveform.name, self.name)] = waveform
 
     def publish_phases(
         self,

@@ -35,7 +35,8 @@ from shipgrid.realtime import monitor
 from shipgrid.realtime.desk import ORIGINS
 from shipgrid.realtime.recording import Recording
 from shipgrid.realtime.shared import SharedArrays
-from shipgrid.scenarios.outside import COMMANDS, Outside
+from shipgrid.scenarios.output_folder import COMMANDS
+from shipgrid.scenarios.outside import Outside
 from shipgrid.scenarios.row_log import RowLog
 from shipgrid.scenarios.runner import Interrupt, Keeper, Progress, Run, last_rows, logged_events, time_of_a_step
 from shipgrid.scenarios.snapshot import copied

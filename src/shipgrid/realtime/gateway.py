@@ -23,9 +23,10 @@ from typing import Any
 
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.realtime.desk import LOST, Desk
-from shipgrid.realtime.registers import FILE, write_registers
+from shipgrid.realtime.registers import write_registers
 from shipgrid.realtime.shared import SharedArrays
 from shipgrid.realtime.udp import UdpServer
+from shipgrid.scenarios.output_folder import REGISTERS
 from shipgrid.scenarios.runner import Run, build
 
 WATCH = 5e-3
@@ -109,7 +110,7 @@ class Gateway:
             "timeout": self.timeout,
         }
         if run.folder is not None:
-            with (run.folder / FILE).open("w", newline="") as file:
+            with (run.folder / REGISTERS).open("w", newline="") as file:
                 write_registers(file, plan.network.published, run.ship.commands)
         self.process = process = subprocess.Popen(
             [sys.executable, "-m", "shipgrid.realtime.gateway"],

@@ -49,8 +49,8 @@ def columns(cores: int) -> list[tuple[str, str, str]]:
     ]
 
 
-def percentile(histogram: np.ndarray, share: float) -> float:
-    """Duration [s] that this share of the steps does not exceed, to the upper end of its bin; nan without steps.
+def percentile(histogram: np.ndarray, share: float) -> float | None:
+    """Duration [s] that this share of the steps does not exceed, to the upper end of its bin; None without steps.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def percentile(histogram: np.ndarray, share: float) -> float:
     """
     total = int(histogram.sum())
     if total == 0:
-        return float("nan")
+        return None
     rank = max(1, int(np.ceil(share * total - 1e-9)))
     return float(np.searchsorted(np.cumsum(histogram), rank) + 1) * BIN * 1e-9
 

@@ -13,8 +13,6 @@ from typing import Any, NamedTuple, TextIO
 from shipgrid.equipment.declaration import Command
 from shipgrid.realtime.desk import ANSWERS
 
-FILE = "registers.csv"
-"""Name of the list in the folder of a run."""
 STEP, TIME, FIRST_SIGNAL = 0, 4, 8
 """Addresses of input registers."""
 TOKEN, ANSWER, HEARTBEAT, FIRST_COMMAND = 0, 4, 5, 8

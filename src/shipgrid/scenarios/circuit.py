@@ -72,7 +72,7 @@ def assemble(network: Network, step: float = 30e-6) -> RunnablePlan:
     return RunnablePlan(**{f.name: getattr(made, f.name) for f in dataclasses.fields(Plan)})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RunnablePlan(Plan):
     """A `Plan` with `run`: what `assemble` makes of a network."""
 

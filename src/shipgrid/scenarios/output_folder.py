@@ -1,7 +1,8 @@
 """The folder a run writes: made under another name beside its place, and put there by rename when it is complete.
 
-So a folder of results is never half-written, a failed disk or a read-only place is found before the run, and what is
-replaced is only ever an older folder of results.
+So a folder of results is never half-written, and a failed disk or a read-only place is noticed before the run. What is
+replaced is only ever an older folder of results, and only one with nothing in it that shipgrid does not write: this
+module has the list of all that it does. What a person has put there stays.
 
 What a run needs to be continued lies in its sub-folder `unfinished` as long as there is something to continue: in the
 folder that is being written, or in its place after an interrupt.
@@ -9,12 +10,16 @@ folder that is being written, or in its place after an interrupt.
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import logging
 import os
 import re
 import shutil
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 from shipgrid.errors import ParameterError
@@ -26,8 +31,24 @@ except ImportError:  # not a POSIX system: that a folder is being written is not
 
 MARK = "run.yaml"
 """File by which a folder is known to hold the results of a run."""
-UNFINISHED, SNAPSHOT = "unfinished", "snapshot.npz"
-"""Sub-folder with what a run is continued from, and the file in it that is written whole, when the rest is there."""
+MARK_BEGINS = "# Written by shipgrid:"
+"""How that file begins."""
+RESULTS, SUMMARY, REALTIME, REPORT = "results.nc", "summary.json", "realtime.json", "report.html"
+COMMANDS, REGISTERS = "commands.csv", "registers.csv"
+"""Files of a folder of results; the last two in those of live runs."""
+UNFINISHED, SNAPSHOT, COLUMNS = "unfinished", "snapshot.npz", "columns.json"
+"""Sub-folder with what a run is continued from; the file in it that is written whole, when the rest is there; and the
+file that says what the rows are."""
+ROWS = ".rows"
+"""Ending of the files of rows."""
+
+_WHOLE = re.compile("|".join(map(re.escape, (MARK, RESULTS, SUMMARY, REALTIME, REPORT, COMMANDS, REGISTERS))))
+_BEGUN = re.compile("|".join(map(re.escape, (SNAPSHOT, COLUMNS, COMMANDS, RESULTS))) + rf"|[a-z]+(-[0-9]+)?{ROWS}")
+"""Names of all files that shipgrid writes into a folder of results, and into its sub-folder."""
+_PART = re.compile(r"\.?(.+)\.part")
+"""A file that is being written, and left behind where the process was killed."""
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -56,32 +77,56 @@ class OutputFolder:
     def commit(self) -> Path:
         """Put the folder in its place, in place of an older one, and return the place.
 
+        An older folder of results in which somebody has put something during the run is kept beside the place; a
+        warning with its new name is logged.
+
         Raises
         ------
         ParameterError
-            If it cannot be put there; the results then stay in `path`, and an older folder stays as it was.
+            If it cannot be put there; the results then stay in `path`, and what is in the place stays as it is.
         """
-        older = self.path.with_name(self.path.name + ".old")
+        older, moved = self.path.with_name(f"{self.path.name}.old"), False
         try:
-            if self.place.exists():
-                _check_replaceable(self.place)
+            if os.path.lexists(self.place):
+                obstacle = obstacle_at(self.place, foreign_too=False)
+                if obstacle:
+                    raise ParameterError(
+                        f"--out: {self.place} {obstacle}; the results are in {self.path}, and --resume puts them there "
+                        "when that has been moved away"
+                    )
+                remove(older)  # of an attempt that was killed between the two renames
+                older = _free(older)
                 self.place.rename(older)
+                moved = True
             try:
                 self.path.rename(self.place)
             except OSError:
-                if older.exists():
+                if moved:
                     older.rename(self.place)
                 raise
         except OSError as wrong:
             what = f"--out: {self.place} cannot be replaced ({wrong.strerror}); the results are in {self.path}"
             raise ParameterError(what) from wrong
-        shutil.rmtree(older, ignore_errors=True)
-        self.release()
+        finally:
+            self.release()
+        if os.path.lexists(older) and not remove(older):
+            self._keep(older)
         return self.place
+
+    def _keep(self, older: Path) -> None:
+        """Give a folder that is not removed a name that people see, and say which."""
+        names: list[str] = []
+        with contextlib.suppress(OSError):
+            older = older.rename(_free(self.place.with_name(f"{self.place.name}.old")))
+            names = foreign(older)
+        what = f"had something that shipgrid did not write when the run ended ({', '.join(names)})"
+        why = what if names else "had older results, which could not be removed"
+        _LOG.warning("--out: %s %s; they are kept in %s", self.place, why, older)
 
     def discard(self) -> None:
         """Throw away what was written; an older folder in its place is untouched."""
-        shutil.rmtree(self.path, ignore_errors=True)
+        if not remove(self.path):
+            _LOG.warning("%s stays: it has something that shipgrid did not write", self.path)
         self.release()
 
     def release(self) -> None:
@@ -108,10 +153,12 @@ def prepare(out: str | Path, bytes_needed: int = 0) -> OutputFolder:
     Raises
     ------
     ParameterError
-        If nothing can be written there, the disk has not the room, or something else than results is there.
+        If nothing can be written there, the disk has not the room, or something is there that shipgrid did not write.
     """
     place = Path(os.path.abspath(out))
-    _check_replaceable(place)
+    obstacle = obstacle_at(place)
+    if obstacle:
+        raise ParameterError(f"--out: {place} {obstacle}")
     made = [folder for folder in (place.parent, *place.parent.parents) if not folder.exists()]
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -123,9 +170,9 @@ def prepare(out: str | Path, bytes_needed: int = 0) -> OutputFolder:
     try:
         check_room(place, bytes_needed)
     except ParameterError:
-        temporary.rmdir()
-        for folder in made:
-            folder.rmdir()
+        with contextlib.suppress(OSError):  # somebody else has begun to use a folder above it
+            for folder in (temporary, *made):
+                folder.rmdir()
         raise
     lock = _locked(temporary)
     return OutputFolder(place, temporary, -1 if lock is None else lock)
@@ -168,10 +215,10 @@ def unfinished(out: str | Path) -> list[Path]:
 
 
 def place_of(path: Path) -> Path:
-    """The place of a folder of results: its own, or the one it was being written for."""
+    """The place of a folder of results: its own, or the one it is written for, or was before it got there."""
     path = Path(os.path.abspath(path))
     hidden = re.fullmatch(r"\.(.+)-[a-z0-9_]{8}", path.name)
-    return path.with_name(hidden[1]) if hidden and (path / UNFINISHED).is_dir() else path
+    return path.with_name(hidden[1]) if hidden and ((path / UNFINISHED).is_dir() or not path.exists()) else path
 
 
 def taken_over(path: Path, place: Path) -> OutputFolder | None:
@@ -216,7 +263,148 @@ def finish(final: Path) -> None:
     """Remove what a run in its place would be continued from: it is done, and on the disk."""
     sync_folder(final.parent)
     (final / UNFINISHED / SNAPSHOT).unlink(missing_ok=True)  # first: without it nobody takes the rest for a run
-    shutil.rmtree(final / UNFINISHED, ignore_errors=True)
+    if not _remove_files(final / UNFINISHED):
+        _LOG.warning("%s stays: it has something that shipgrid did not write", final / UNFINISHED)
+
+
+def copy_rows(path: Path, to: OutputFolder) -> None:
+    """Copy what an unfinished run is continued from, but for its snapshot, into a folder being written.
+
+    Parameters
+    ----------
+    path : Path
+        The folder of that run.
+    to : OutputFolder
+        Where it is continued.
+
+    Raises
+    ------
+    OSError
+        If there is no room.
+    """
+    to.unfinished.mkdir()
+    for entry in _scanned(path / UNFINISHED):
+        if _ours(entry, _BEGUN) and entry.name != SNAPSHOT:
+            shutil.copy2(entry.path, to.unfinished / entry.name)
+
+
+def is_results(folder: Path) -> bool:
+    """Whether a folder is one of results: its `run.yaml` is a file that shipgrid has written."""
+    mark = folder / MARK
+    try:
+        with mark.open("rb") as file:
+            return not mark.is_symlink() and file.read(len(MARK_BEGINS)) == MARK_BEGINS.encode()
+    except OSError:
+        return False
+
+
+def foreign(folder: Path) -> list[str]:
+    """What lies in a folder of results and was not written by shipgrid, by its path in the folder.
+
+    Links are, and folders, whatever their names.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    names = []
+    for entry in _scanned(folder):
+        if entry.name == UNFINISHED and entry.is_dir(follow_symlinks=False):
+            inside = _scanned(folder / UNFINISHED)
+            names += [f"{UNFINISHED}/{begun.name}" for begun in inside if not _ours(begun, _BEGUN)]
+        elif not _ours(entry, _WHOLE):
+            names.append(entry.name)
+    return names
+
+
+def remove(folder: Path) -> bool:
+    """Remove a folder of results if all that is in it is shipgrid's own; whether it is gone.
+
+    What is put there while it is being removed stays, and the folder with it.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+    try:
+        return not foreign(folder) and _remove_files(folder / UNFINISHED) and _remove_files(folder)
+    except OSError:
+        return False
+
+
+def obstacle_at(place: Path, *, foreign_too: bool = True) -> str:
+    """Why results cannot be put in a place, and what is expected; nothing if they can.
+
+    Parameters
+    ----------
+    place : Path
+    foreign_too : bool
+        Whether a folder of results with something foreign in it is refused.
+    """
+    if place.is_symlink():
+        return f"is a link to {os.path.realpath(place)}, expected a folder; that one may be named itself"
+    if not place.exists():
+        return ""
+    if not place.is_dir():
+        return "is a file, expected a folder"
+    expected = "expected a new folder or one of results"
+    try:
+        if not any(place.iterdir()):
+            return ""
+        if not is_results(place):
+            why = f"its {MARK} was not written by shipgrid" if os.path.lexists(place / MARK) else f"no {MARK}"
+            return f"holds something else than results ({why}), {expected}"
+        names = foreign(place) if foreign_too else []
+    except OSError as wrong:
+        return f"cannot be read: {_reason(wrong)}, {expected}"
+    if not names:
+        return ""
+    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return (
+        f"holds {names[0]!r}{others}, which shipgrid did not write and would have to remove; expected it to be moved "
+        "elsewhere, or another folder"
+    )
+
+
+def _scanned(folder: Path) -> list[os.DirEntry[str]]:
+    with os.scandir(folder) as entries:
+        return sorted(entries, key=lambda entry: entry.name)
+
+
+def _ours(entry: os.DirEntry[str], names: re.Pattern[str]) -> bool:
+    """Whether an entry of a folder is a file that shipgrid writes, or a part of one."""
+    part = _PART.fullmatch(entry.name)
+    return entry.is_file(follow_symlinks=False) and bool(names.fullmatch(part[1] if part else entry.name))
+
+
+def _remove_files(folder: Path) -> bool:
+    """Remove the files that shipgrid writes, and the folder if nothing else is in it; whether it is gone."""
+    if not os.path.lexists(folder):
+        return True
+    names = _BEGUN if folder.name == UNFINISHED else _WHOLE
+    try:
+        for entry in _scanned(folder):
+            if _ours(entry, names):
+                os.unlink(entry.path)
+        folder.rmdir()
+    except OSError:
+        return False
+    return True
+
+
+def _free(path: Path) -> Path:
+    """A name that nothing has: this one, or with a number behind it."""
+    return next(free for free in _numbered(path) if not os.path.lexists(free))
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    yield path
+    yield from (path.with_name(f"{path.name}-{k}") for k in count(2))
 
 
 def _locked(folder: Path) -> int | None:
@@ -232,16 +420,6 @@ def _locked(folder: Path) -> int | None:
     except OSError:  # a file system without locks
         pass
     return number
-
-
-def _check_replaceable(place: Path) -> None:
-    if place.is_dir():
-        if any(place.iterdir()) and not (place / MARK).is_file():
-            raise ParameterError(
-                f"--out: {place} holds something else than results (no {MARK}), expected a new folder or one of results"
-            )
-    elif place.exists() or place.is_symlink():
-        raise ParameterError(f"--out: {place} is a file, expected a folder")
 
 
 def _reason(wrong: OSError) -> str:

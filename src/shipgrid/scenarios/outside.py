@@ -8,9 +8,6 @@ from typing import Any, NamedTuple
 
 from shipgrid.errors import InputErrors
 
-COMMANDS = "commands.csv"
-"""Name of that file in the folder of the run."""
-
 
 class Outside(NamedTuple):
     """A command from outside: the number of steps done before it, path, value and whose it is."""

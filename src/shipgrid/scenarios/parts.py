@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from shipgrid.assembly.partition import PART_NAME, Partition, divide, propose
+from shipgrid.assembly.partition import Partition, divide, propose
 from shipgrid.automation.power_management import equip
 from shipgrid.errors import ParameterError
 from shipgrid.model.network import Network
+from shipgrid.names import PART_NAME
 
 SHIP = "ship"
 """Word for the parts that the ship's own file has."""

@@ -20,7 +20,8 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-FILE_NAME = "results.nc"
+from shipgrid.scenarios.output_folder import RESULTS
+
 CHUNK_ROWS = 8192
 """Rows of one block: 32 kB a variable. A write costs about 0.7 ms whatever its length, so that short blocks are slow;
 100 signals with their extremes and means wait in 13 MB."""
@@ -130,7 +131,7 @@ class ResultsWriter:
         periods: Mapping[str, float] | None = None,
         attributes: Mapping[str, Any] | None = None,
     ):
-        self.path = Path(folder) / FILE_NAME
+        self.path = Path(folder) / RESULTS
         self.file = netCDF4.Dataset(self.path, "w", format="NETCDF4")
         self.file.setncatts({"Conventions": "CF-1.11", **(attributes or {})})
         periods = periods or {}

@@ -11,7 +11,10 @@ from __future__ import annotations
 import importlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +24,7 @@ import numpy as np
 
 from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors, ParameterError
-from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED
+from shipgrid.scenarios.output_folder import REPORT, RESULTS, SNAPSHOT, SUMMARY, UNFINISHED, place_of
 
 if TYPE_CHECKING:
     import xarray
@@ -58,8 +61,11 @@ class Results:
     Parameters
     ----------
     folder : Path or str
-        Output folder of a run. One that goes on, or was killed, has no `summary.json`; its `results.nc` is made
-        when it is opened, as far as the run's last snapshot.
+        Output folder of a run; nothing in it is changed. One that goes on, or was killed, has no `summary.json`; what
+        it has recorded up to its last snapshot is then read from a file in the system's folder for temporary ones,
+        which is removed with `close`, or when the process ends.
+    file : Path, optional
+        Its `results.nc`, where it is known to be complete although there is no `summary.json` yet.
 
     Attributes
     ----------
@@ -74,23 +80,21 @@ class Results:
         If there are no results in the folder, or they cannot be read.
     """
 
-    def __init__(self, folder: Path | str):
+    def __init__(self, folder: Path | str, file: Path | None = None):
         import netCDF4
 
         self.folder = Path(folder)
-        path = self.folder / "results.nc"
-        summary, log = self.folder / "summary.json", self.folder / UNFINISHED
-        if not summary.is_file() and (log / SNAPSHOT).is_file():
-            from shipgrid.scenarios.row_log import recover_results
-
-            recover_results(self.folder, log, log / SNAPSHOT)
-        if not path.is_file():
-            raise InputErrors([f"{self.folder}: no results.nc here, expected the output folder of a run"])
+        self._remove_made: Callable[[], object] = lambda: None
+        self._path = file or self._recorded()
+        if not self._path.is_file():
+            raise InputErrors([f"{self.folder}: no {RESULTS} here, expected the output folder of a run"])
         try:
-            self._file = netCDF4.Dataset(path, "r")
+            self._file = netCDF4.Dataset(self._path, "r")
         except OSError as error:
-            raise InputErrors([f"{path}: cannot be read as NetCDF-4 ({error})"]) from error
-        self.summary: dict[str, Any] = json.loads(summary.read_text()) if summary.is_file() else {}
+            raise InputErrors([f"{self._path}: cannot be read as NetCDF-4 ({error})"]) from error
+        summary = self.folder / SUMMARY
+        ended = self._path.parent == self.folder and summary.is_file()
+        self.summary: dict[str, Any] = json.loads(summary.read_text()) if ended else {}
         self._where: dict[str, str] = {}
         self._windows: dict[str, list[str]] = {}  # groups of the waveform windows that have a signal
         self._endings: dict[str, set[str]] = {}
@@ -106,6 +110,28 @@ class Results:
                 elif variable != "time":
                     self._where[variable] = name
         self._datasets: dict[str, xarray.Dataset] = {}
+
+    def _recorded(self) -> Path:
+        """The file with what the run has recorded: its own if it has ended, else one that is made of its rows."""
+        log = self.folder / UNFINISHED
+        if (self.folder / SUMMARY).is_file() or not (log / SNAPSHOT).is_file():
+            return self.folder / RESULTS
+        from shipgrid.scenarios.row_log import recover_results
+
+        try:
+            made = Path(tempfile.mkdtemp(prefix="shipgrid-results-"))
+            self._remove_made = weakref.finalize(self, shutil.rmtree, made, ignore_errors=True)
+            recover_results(log, made)
+        except (InputErrors, OSError, RuntimeError) as wrong:
+            self._remove_made()
+            if (log / SNAPSHOT).is_file():
+                problem = f"{self.folder}: what this run has recorded so far cannot be read ({wrong})"
+                raise wrong if isinstance(wrong, InputErrors) else InputErrors([problem]) from wrong
+            if self.folder.is_dir():  # it has ended in the meantime
+                return self.folder / RESULTS
+            problem = f"{self.folder}: the run has ended in the meantime, expected {place_of(self.folder)}"
+            raise InputErrors([problem]) from wrong
+        return made / RESULTS
 
     def __repr__(self) -> str:
         words = [f"{len(self.signals)} signals", f"{len(self.events)} events"]
@@ -152,9 +178,7 @@ class Results:
         import xarray
 
         if name not in self._datasets:
-            self._datasets[name] = xarray.open_dataset(
-                self.folder / "results.nc", group=name, engine="netcdf4", decode_times=False
-            )
+            self._datasets[name] = xarray.open_dataset(self._path, group=name, engine="netcdf4", decode_times=False)
         return self._datasets[name]
 
     def __getitem__(self, signal: str) -> xarray.DataArray:
@@ -272,7 +296,7 @@ class Results:
         Parameters
         ----------
         path : Path or str, optional
-            Where to; `report.html` in the run's folder if not given.
+            Where to; `report.html` in the run's folder if not given, the only thing that is ever written there.
 
         Returns
         -------
@@ -281,7 +305,7 @@ class Results:
         """
         from shipgrid.io.report import write_report
 
-        return write_report(self, path or self.folder / "report.html")
+        return write_report(self, path or self.folder / REPORT)
 
     def cite(self) -> str:
         """BibTeX entries of the components and methods this run used."""
@@ -294,6 +318,7 @@ class Results:
             dataset.close()
         if self._file.isopen():
             self._file.close()
+        self._remove_made()
 
     def __enter__(self) -> Results:
         return self
@@ -308,7 +333,8 @@ def open_results(folder: Path | str) -> Results:
     Parameters
     ----------
     folder : Path or str
-        Where its `results.nc` lies.
+        Where its `results.nc` lies; nothing in it is changed. Also the hidden folder of a run under way, or of one
+        that was killed: what was recorded up to its last snapshot.
 
     Raises
     ------

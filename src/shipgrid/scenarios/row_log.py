@@ -2,15 +2,15 @@
 
 A NetCDF-4 file is inconsistent while the library writes to it, and a process killed then leaves none. Here a row is its
 time and its values, one after the other; a snapshot says how many rows of each group belong to it, and what lies behind
-them, half a row among it, is dropped when the run is continued. `results.nc` is made of these files when the run ends,
-or when an unfinished run is opened.
+them, half a row among it, is dropped when the run is continued. `results.nc` is made of these files when the run ends;
+who opens an unfinished run makes one elsewhere, and changes nothing here.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import tempfile
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -18,12 +18,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from shipgrid.scenarios.output_folder import sync_file, write_text
-from shipgrid.scenarios.recorder import CHUNK_ROWS, FILE_NAME, LAYERS, Column, ResultsWriter
+from shipgrid.scenarios.output_folder import COLUMNS, RESULTS, ROWS, SNAPSHOT, sync_file, write_text
+from shipgrid.scenarios.recorder import CHUNK_ROWS, LAYERS, Column, ResultsWriter
 from shipgrid.scenarios.snapshot import read
 
-HEAD = "columns.json"
-"""File that says what the rows are."""
+GROUP = re.compile(r"[a-z]+(/[0-9]+)?")
+"""Name of a group: it becomes that of a file."""
 
 
 class RowLog:
@@ -44,6 +44,8 @@ class RowLog:
 
     Raises
     ------
+    ValueError
+        If the name of a group cannot be made that of a file.
     OSError
         If a file cannot be written, or has fewer rows.
     """
@@ -58,12 +60,13 @@ class RowLog:
     ):
         self.folder, self.groups = folder, {name: list(columns) for name, columns in groups.items()}
         self.periods, self.attributes = dict(periods), dict(attributes)
+        paths = {name: _path(folder, name) for name in self.groups}
         head = {"groups": self.groups, "periods": self.periods, "attributes": self.attributes}
-        write_text(folder / HEAD, json.dumps(head))
+        write_text(folder / COLUMNS, json.dumps(head))
         self.files: dict[str, BinaryIO] = {}
         self.row = {name: _row(name, len(columns)) for name, columns in self.groups.items()}
         for name, row in self.row.items():
-            file = self.files[name] = open(_path(folder, name), "ab")  # noqa: SIM115
+            file = self.files[name] = open(paths[name], "ab")  # noqa: SIM115
             kept = (rows or {}).get(name, 0) * row.itemsize
             if file.tell() < kept:
                 raise OSError(f"{file.name} is damaged: {file.tell()} bytes, expected {kept} or more")
@@ -119,63 +122,77 @@ def make_results(
     log: Path,
     events: Iterable[tuple[float, str, str]],
     limiters: Iterable[tuple[str, float, float, int]],
-    rows: Mapping[str, int] | None = None,
 ) -> None:
-    """Make `results.nc` of the rows of a run; an older one is replaced whole.
+    """Make `results.nc` of all whole rows of a run that has ended; an older one is replaced whole.
 
     Parameters
     ----------
     folder : Path
         Where it is put.
     log : Path
-        Folder of the rows.
+        Folder of the rows, on the same disk.
     events, limiters
         Logs of the run, as `ResultsWriter` takes them.
-    rows : mapping of str to int, optional
-        Rows of each group to take; all whole ones if left out.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; an older one is untouched.
     """
-    head = json.loads((log / HEAD).read_text())
-    with tempfile.TemporaryDirectory(dir=log) as made:
-        with ResultsWriter(made, head["groups"], head["periods"], head["attributes"]) as writer:
-            for name, columns in head["groups"].items():
-                row, path = _row(name, len(columns)), _path(log, name)
-                left = path.stat().st_size // row.itemsize if rows is None else rows[name]
-                with path.open("rb") as file:
-                    while left > 0:
-                        part = np.fromfile(file, row, min(left, CHUNK_ROWS))
-                        if not len(part):
-                            raise OSError(f"{path} is damaged: {left} rows less than there were")
-                        writer.append(
-                            name, part["time"], *(part["layers"][:, k] for k in range(row["layers"].shape[0]))
-                        )
-                        left -= len(part)
-            writer.events(events)
-            writer.limiters(limiters)
-        sync_file(Path(made) / FILE_NAME)
-        os.replace(Path(made) / FILE_NAME, folder / FILE_NAME)
+    _write_results(log, log, events, limiters, None)
+    sync_file(log / RESULTS)
+    os.replace(log / RESULTS, folder / RESULTS)
 
 
-def recover_results(folder: Path, log: Path, snapshot: Path) -> None:
+def recover_results(log: Path, to: Path) -> None:
     """Make `results.nc` of a run that was killed or still goes on, as far as its last snapshot.
 
     Parameters
     ----------
-    folder, log : Path
-        As of `make_results`.
-    snapshot : Path
-        The run's last.
+    log : Path
+        Folder of its rows and its snapshot. Nothing in it is changed.
+    to : Path
+        Folder where it is made.
 
     Raises
     ------
     InputErrors
-        If there is none, or it is damaged.
+        If there is no snapshot, or it is damaged.
+    OSError
+        If rows are missing, or there is no room.
     """
-    about, _ = read(snapshot)
-    make_results(folder, log, about["events"], about["limiters"], about["rows"])
+    about, _ = read(log / SNAPSHOT)
+    _write_results(to, log, about["events"], about["limiters"], about["rows"])
+
+
+def _write_results(
+    folder: Path,
+    log: Path,
+    events: Iterable[tuple[float, str, str]],
+    limiters: Iterable[tuple[str, float, float, int]],
+    rows: Mapping[str, int] | None,
+) -> None:
+    """Write `results.nc` into a folder, with so many rows of each group; all whole ones if that is left out."""
+    head = json.loads((log / COLUMNS).read_text())
+    with ResultsWriter(folder, head["groups"], head["periods"], head["attributes"]) as writer:
+        for name, columns in head["groups"].items():
+            row, path = _row(name, len(columns)), _path(log, name)
+            left = path.stat().st_size // row.itemsize if rows is None else rows[name]
+            with path.open("rb") as file:
+                while left > 0:
+                    part = np.fromfile(file, row, min(left, CHUNK_ROWS))
+                    if not len(part):
+                        raise OSError(f"{path} is damaged: {left} rows less than there were")
+                    writer.append(name, part["time"], *(part["layers"][:, k] for k in range(row["layers"].shape[0])))
+                    left -= len(part)
+        writer.events(events)
+        writer.limiters(limiters)
 
 
 def _path(folder: Path, group: str) -> Path:
-    return folder / f"{group.replace('/', '-')}.rows"
+    if not GROUP.fullmatch(group):
+        raise ValueError(f"{group!r} is not the name of a group, expected such as 'plant' or 'waveforms/0'")
+    return folder / f"{group.replace('/', '-')}{ROWS}"
 
 
 def _row(group: str, columns: int) -> np.dtype:

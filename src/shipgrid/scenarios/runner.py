@@ -6,7 +6,6 @@ import json
 import math
 import os
 import platform
-import shutil
 import signal
 import subprocess
 import threading
@@ -33,14 +32,22 @@ from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
 from shipgrid.model.network import FIDELITIES, Network
+from shipgrid.names import checked
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import seconds
 from shipgrid.scenarios.output_folder import (
+    COMMANDS,
     MARK,
+    MARK_BEGINS,
+    REALTIME,
+    REPORT,
+    RESULTS,
     SNAPSHOT,
+    SUMMARY,
     UNFINISHED,
     OutputFolder,
     check_room,
+    copy_rows,
     finish,
     prepare,
     sync_folder,
@@ -48,7 +55,7 @@ from shipgrid.scenarios.output_folder import (
     unfinished,
     write_text,
 )
-from shipgrid.scenarios.outside import COMMANDS, Outside, as_lines, merged_commands, read_outside
+from shipgrid.scenarios.outside import Outside, as_lines, merged_commands, read_outside
 from shipgrid.scenarios.parts import Groups, parts_wanted
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
@@ -56,8 +63,6 @@ from shipgrid.scenarios.row_log import RowLog, make_results
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
-SUMMARY = "summary.json"
-REALTIME = "realtime.json"
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
 """Step lengths [s]."""
 TRIAL_STEPS = 2000
@@ -302,7 +307,7 @@ def simulate(
     Raises
     ------
     ParameterError
-        If fidelity, step, end, a window or the output folder cannot be used; nothing is written then.
+        If fidelity, step, end, a window, a name or the output folder cannot be used; nothing is written then.
     InputErrors
         If there is nothing to continue, or only runs of another ship, scenario, step or program, with what differs.
     SolverError
@@ -321,6 +326,8 @@ def simulate(
     end = scenario.duration if until is None else seconds("until", until)
     if not (math.isfinite(end) and end > 0.0):
         raise ParameterError(f"until = {end!r} s is not a positive time")
+    for what, made in (("ship", ship), ("scenario", scenario)):  # one made in Python has been read from no file
+        checked(made.name, what)
     ship = scenario.ship_at_start(ship)
     groups = parts_wanted(ship, parts, h)
     plan = build(ship, h, fidelity, scenario.rules, groups)
@@ -393,7 +400,7 @@ def simulate(
     final = folder.commit()
     if report:
         with open_results(final) as written:
-            written.report(final / "report.html")
+            written.report(final / REPORT)
     if not run.interrupted:
         finish(final)
     if run.failure:
@@ -402,8 +409,14 @@ def simulate(
 
 
 def default_place(scenario: Any, fidelity: str) -> Path:
-    """Folder of the results of a scenario's runs."""
-    return Path(f"results/{scenario.name}-{fidelity}")
+    """Folder of the results of a scenario's runs.
+
+    Raises
+    ------
+    ParameterError
+        If the scenario's name cannot be part of a folder's.
+    """
+    return Path("results") / f"{checked(scenario.name, 'scenario')}-{fidelity}"
 
 
 def _unfinished_run(
@@ -438,7 +451,7 @@ def _unfinished_run(
     if path == Path(os.path.abspath(place)):  # interrupted, and put there: it stays until there is more
         folder = prepare(place, needed)
         try:
-            shutil.copytree(path / UNFINISHED, folder.unfinished, ignore=lambda *_: {SNAPSHOT})
+            copy_rows(path, folder)
         except BaseException:
             folder.discard()
             raise
@@ -538,8 +551,7 @@ def _conclude(
     if run.realtime:
         summary["realtime"] = {name: value for name, value in run.realtime.items() if name != "histograms"}
         write_text(folder / REALTIME, json.dumps(run.realtime))
-    (folder / SUMMARY).write_text(json.dumps(summary, indent=1))
-    with open_results(folder) as written:
+    with Results(folder, folder / RESULTS) as written:
         figures = {name: summary[name] for name in FIGURES}
         summary["requirements"] = [v.as_dict() for v in evaluate(scenario.requirements, written, run.t, figures)]
         summary["class_limits"] = [v.as_dict() for v in class_verdicts(ship, written)]
@@ -585,8 +597,8 @@ def go(
         waves.first(writer)
     if keeper is not None:
         keeper.write(run)  # so that there is something to continue at any instant
-    began = time.perf_counter() - run.wall_s
     with Interrupt() as interrupt, Crew(plan, work, run.workers) as crew:
+        began = time.perf_counter() - run.wall_s
         while work.n < last and not interrupt.asked:
             due.give()
             stop = int(min(last, work.n + chunk, due.until(), waves.until(work.n)))
@@ -813,7 +825,7 @@ def _run_yaml(
 ) -> str:
     """Everything needed to repeat the run: the files as read, with the options."""
     lines = [
-        "# Written by shipgrid: everything needed to repeat this run, with `shipgrid run` and the path of this file.",
+        f"{MARK_BEGINS} everything needed to repeat this run, with `shipgrid run` and the path of this file.",
         "schema: 1",
         f"fidelity: {fidelity}",
         f"step: {step!r} s",

@@ -1,0 +1,164 @@
+"""To enter a crew is cheap: what depends on a plan alone is made once, and a workspace is only put in its place."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from shipgrid.assembly import weave as weaving
+from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.weave import arguments, named_values, numbers_of, scratch_of, woven_name
+from shipgrid.io.ship_file import load_ship
+from shipgrid.model.kernel import TableRow
+from shipgrid.model.network import Network
+from shipgrid.scenarios import runner
+from shipgrid.solvers.pacing import pace_work
+
+PARTS = {"for": ["dc_for"], "aft": ["dc_aft"], "grid": ["ac_for", "ac_aft"]}
+MORE, TABLE, WHOLE, REAL = 2, 1, 2, 3
+"""How many signals a copy records; places among the arguments."""
+
+
+def ferry(**options):
+    network = Network("ferry", options.pop("fidelity", "averaged"))
+    load_ship("ferry").build(network)
+    return assemble(network, 30e-6, **options)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return ferry(fidelity="switching")
+
+
+def recording(plan, places):
+    """A copy of a plan that records other signals, as a run of a circuit makes one."""
+    recorded = np.array(places, dtype=np.int64)
+    return replace(plan, step=plan.step._replace(recorded=recorded, n_plant=len(recorded), record_every=7))
+
+
+def addresses(plan, work):
+    """Entries of a table by the name of their array: its address and shape, for what has any memory."""
+    numbers = arguments(plan, work)[TABLE][-1].tolist()
+    arrays = named_values(plan, work, scratch_of(plan))
+    places = TableRow(arrays, {}).places
+    return arrays, {
+        name: (numbers[place], tuple(numbers[place + 1 : place + 1 + arrays[name].ndim]))
+        for name, place in places.items()
+        if arrays[name].nbytes
+    }
+
+
+def scratch_names(plan):
+    return {f"{t.kind.key}_{name}{flat}" for t in plan.layout.types for name in "abc" for flat in ("", "f")}
+
+
+def ring_sized(work):
+    """A workspace as a live run has it: rings of another length in the place of some arrays."""
+    made = work.snapshot()
+    made.step = made.step._replace(wave_rows=np.zeros((16_384, work.step.wave_rows.shape[1])))
+    made.pace = pace_work(bins=100, windows=16, worst=4, commands=8, signals=len(work.sig))
+    return made
+
+
+def test_a_module_is_made_once_for_all_copies_of_a_plan(monkeypatch):
+    plan, made, real = ferry(), [], weaving.weave
+    monkeypatch.setattr(weaving, "weave", lambda plan: made.append(plan) or real(plan))
+    name = woven_name(plan)
+    for copy in (plan, recording(plan, [3, 4]), recording(plan, [])):
+        assert woven_name(copy) == name
+        arguments(copy, new_workspace(copy))
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("recorded", [None, [], [5, 3, 8]])
+@pytest.mark.parametrize("work_of", [new_workspace, lambda plan: ring_sized(new_workspace(plan))])
+def test_every_array_is_found_where_this_workspace_and_this_copy_have_it(plan, recorded, work_of):
+    """Whatever the workspace looked like that came first: here one that records nothing, with arrays of no size."""
+    arguments(recording(plan, []), new_workspace(recording(plan, [])))
+    copy = plan if recorded is None else recording(plan, recorded)
+    work = work_of(copy)
+    arrays, found = addresses(copy, work)
+    own = {name: array for name, array in arrays.items() if name not in scratch_names(plan)}
+    assert len(own) > 400
+    made_anew = {name for name in own if name.endswith("_weight")}  # by each call of `named_values`
+    for name in found.keys() & own.keys() - made_anew:
+        assert found[name] == (own[name].ctypes.data, own[name].shape), name
+    for name in made_anew:
+        assert found[name][1] == own[name].shape
+
+
+def test_numbers_are_those_of_the_copy(plan):
+    copy = recording(plan, [5, 3, 8])
+    _, _, whole, real, *_ = arguments(copy, new_workspace(copy))
+    numbers = numbers_of(copy)
+    assert numbers["n_plant"] == 3 and numbers["record_every"] == 7
+    assert whole[0].tolist() == [n for n in numbers.values() if isinstance(n, int)]
+    assert real[0].tolist() == [n for n in numbers.values() if not isinstance(n, int)]
+
+
+def test_two_runs_of_a_plan_share_nothing_that_a_step_writes(plan):
+    """Two threads may step two workspaces at once."""
+    (_, one), (_, other) = (addresses(plan, new_workspace(plan)) for _ in range(2))
+    constant = {*plan.net._fields, *plan.step._fields, "sources"}
+    kinds = [t.kind.key for t in plan.layout.types]
+    constant |= {f"{key}_{name}" for key in kinds for name in (*plan.gathers.get(key, {}), "clock", "weight", "p")}
+    for name in one.keys() - constant:
+        assert one[name] != other[name], name
+
+
+def test_memory_between_steps_of_a_part_has_room_for_each_of_its_components():
+    """And that of one part shares no cache line with that of another, which another core writes."""
+    cut = ferry(parts=PARTS)
+    for part in cut.parts:
+        arrays = named_values(part, new_workspace(part), scratch_of(part))
+        spans = sorted((a.ctypes.data, a.nbytes) for name, a in arrays.items() if name in scratch_names(part))
+        spans = sorted(set(spans))  # a record and its numbers are one
+        for (start, size), (following, _) in pairwise(spans):
+            assert start + size <= following
+        assert scratch_of(part).ctypes.data % 64 == 0
+
+
+def test_a_plan_that_nobody_has_any_more_is_freed():
+    plan = ferry()
+    woven_name(plan)
+    arguments(plan, new_workspace(plan))
+    gone = weakref.ref(plan.layout), weakref.ref(plan.network)
+    del plan
+    gc.collect()
+    assert [reference() for reference in gone] == [None, None]
+
+
+def test_an_array_in_pieces_is_refused(plan):
+    work = new_workspace(plan)
+    work.net = work.net._replace(v=np.zeros(2 * len(work.net.v))[::2])
+    with pytest.raises(ValueError, match="must lie in one piece"):
+        arguments(plan, work)
+
+
+def test_what_is_found_at_the_start_stays_until_the_table_is_gone(plan):
+    """A table keeps the arrays alive that it names."""
+    work = new_workspace(plan)
+    array = weakref.ref(work.step.energy)
+    values = arguments(plan, work)
+    del work
+    gc.collect()
+    assert array() is not None
+    del values
+    gc.collect()
+    assert array() is None
+
+
+def test_a_run_has_one_module_from_its_provenance_to_its_last_step(monkeypatch):
+    """Built, started, timed and stepped, the text is written once."""
+    made, real = [], weaving.weave
+    monkeypatch.setattr(weaving, "weave", lambda plan: made.append(plan) or real(plan))
+    plan = ferry()
+    runner.provenance(plan)
+    runner.time_of_a_step(plan, new_workspace(plan), steps=2)
+    runner.time_of_a_step(plan, new_workspace(plan), steps=2)
+    assert len(made) == 1
