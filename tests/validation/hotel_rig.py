@@ -8,6 +8,7 @@ for one. The state is seen in the frame that turns with the first controller, an
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag, expm, null_space
@@ -59,6 +60,11 @@ def matrices(item):
     return A, B, C
 
 
+def filter_of(control):
+    """The filter that a controller is made for."""
+    return LclFilter.per_unit(control.S_n, control.v_n, control.f_n, L_1=control.L_1, C=control.C, L_2=0.10)
+
+
 class Grid:
     """One axis of the grid: dx/dt = A x + B v_conv.
 
@@ -72,7 +78,7 @@ class Grid:
 
     def __init__(self, controls, branches, conductances=None):
         conductances = conductances or {}
-        filters = [LclFilter.per_unit(c.S_n, c.v_n, c.f_n, L_1=c.L_1, C=c.C, L_2=0.10) for c, _ in controls]
+        filters = [filter_of(c) for c, _ in controls]
         parts = [matrices(f) for f in filters] + [matrices(b[0]) for b in branches]
         bars = sorted({b for _, b in controls} | {b for branch in branches for b in branch[1:]})
         A = block_diag(*[a for a, _, _ in parts])
@@ -242,7 +248,8 @@ DESIGN = {"K_pc": 0.72, "K_ic": 97.0, "F_v": 0.41, "K_pv": 0.39, "K_iv": 236.0, 
 
 
 def controller(preset="default", **changes):
-    return GridForming(**{**PRESETS[preset], **changes})
+    control = GridForming(**{**PRESETS[preset], **changes})
+    return replace(control, R_d=filter_of(control).R_d * control.S_n / control.v_n**2)
 
 
 def series(p, power_factor=0.9, bar="for"):

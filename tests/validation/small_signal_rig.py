@@ -22,7 +22,7 @@ from shipgrid.controllers.dc_voltage import DcVoltageState, dc_voltage
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.controllers.exciter_ac1a import Ac1a
 from shipgrid.controllers.governor_degov1 import Degov1
-from shipgrid.controllers.grid_forming import PRESETS, GridForming, droop
+from shipgrid.controllers.grid_forming import droop
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment.wiring import add_bridge, add_leg
@@ -40,10 +40,9 @@ from shipgrid.units import (
     Volt,
     Watt,
 )
+from validation.hotel_rig import DESIGN, controller, filter_of
 
 OMEGA = 2.0 * math.pi * 60.0
-DESIGN = {"K_pc": 0.72, "K_ic": 97.0, "F_v": 0.41, "K_pv": 0.39, "K_iv": 236.0, "F_i": 0.74}
-"""Gains to which the published table of eigenvalues belongs; the default ones are damped better."""
 AXES = ("alpha", "beta")
 STIFF = {"R": 1e-6, "L": 1e-9}
 """Impedance of a source that is none."""
@@ -245,7 +244,7 @@ def rectifier(
     net.add("grid", ThreePhaseSource(v_n=e * 480.0, **STIFF), a=ac)
     bridge = add_bridge(net, "rectifier", dc, control="control", gates=1.0, clock=Sampled(f_s), f_sw=f_s)
     net.add_three_phase("lcl", lcl, ports={"converter": bridge, "grid": ac})
-    measured = {f"{to}_{axis}": f"lcl.{axis}.{of}" for axis in AXES for to, of in (("v_c", "v_c"), ("i_1", "i_1"))}
+    measured = {f"{name}_{axis}": f"lcl.{axis}.{name}" for axis in AXES for name in ("v_c", "i_1", "i_2")}
     net.add(
         "control",
         control or RectifierControl(),
@@ -283,8 +282,8 @@ def dc_loop(mode=0.0, **gains):
 
 def grid_forming(preset, loads, conductance=0.0, units=1, f_s=1620.0, **changes):
     """Inverters on one bar, each with its own filter, on a stiff DC bus."""
-    control = GridForming(**{**PRESETS[preset], **(DESIGN if preset == "default" else {}), **changes})
-    lcl = LclFilter.per_unit(50e3, 400.0, 60.0, L_1=control.L_1, C=0.06, L_2=0.10)
+    control = controller(preset, **(DESIGN if preset == "default" else {}) | changes)
+    lcl = filter_of(control)
     net = Network("grid forming")
     dc, ac = net.dc_bus("dc", 750.0), net.ac_bus("ac", 400.0, 60.0)
     net.capacitance(dc, 10e-3)

@@ -29,6 +29,7 @@ from validation.hotel_rig import (
     Controller,
     controller,
     faulted,
+    filter_of,
     isolated,
     matrices,
     one_feeds_both,
@@ -39,6 +40,8 @@ from validation.hotel_rig import (
 
 R_T, X_T, C_F = 0.005, 0.10, 0.06
 """Transformer and filter capacitor [pu]."""
+R_D = filter_of(controller()).R_d
+"""Damping resistance [ohm] of the default filter."""
 
 
 class Plant:
@@ -102,7 +105,7 @@ class Run:
                 self.full = A_d @ self.full + np.outer(B_d, active)
                 self.log["v_bar"].append(np.hypot(*(plant.v_x @ self.full + plant.v_u * active)) / V_B)
                 self.log["i_1"].append(np.hypot(*self.full[0]) / I_B)
-            self.log["v_c"].append(np.hypot(*self.full[1]) / V_B)
+            self.log["v_c"].append(np.hypot(*(self.full[1] + R_D * (self.full[0] - self.full[2]))) / V_B)
             self.log["f"].append(y.f)
             self.log["flags"].append((y.current_limit, y.virtual_impedance, y.modulation_limit))
         return self
@@ -118,15 +121,16 @@ class Run:
 
 
 def droop_statics(p, power_factor=0.9, m_q=0.02, m_p=0.02):
-    """Frequency [Hz], capacitor and bar voltage [pu] by phasors: the load's impedance at the droop's frequency."""
+    """Frequency [Hz], measured and bar voltage [pu] by phasors: the load's impedance at the droop's frequency.
+
+    What is measured is the node of the chokes and of the capacitor with its damping resistor: they do not enter.
+    """
     z_n = 50e3 / (p / power_factor)
     f, v = 1.0, 1.0
     for _ in range(50):
         z = z_n * (power_factor + 1j * f * math.sqrt(1.0 - power_factor**2))
         z_t = R_T + 1j * f * X_T
-        i = v / (z + z_t)  # the capacitor's voltage itself is measured, its damping resistor lies inside
-        r_d = math.sqrt(0.891 * X_T / ((0.891 + X_T) * C_F)) / 3.0
-        i = v * (1.0 + 1j * f * C_F * r_d) / (z + z_t)
+        i = v / (z + z_t)
         s = v * i.conjugate()
         f, v = 1.0 - m_p * s.real, 1.0 - m_q * s.imag
     return 60.0 * f, v, abs(z * i)

@@ -78,6 +78,7 @@ def period(k, f, pulses, contacts, lcl, dc, e_0, control, work):
     x_flat, x, next_flat, x_next, u, y, p = control
     u.v_c_alpha, u.v_c_beta = f[1], f[4]
     u.i_1_alpha, u.i_1_beta = f[0], f[3]
+    u.i_2_alpha, u.i_2_beta = f[2], f[5]
     u.v_dc = f[6]
     next_flat[:] = x_flat
     control_update(k * T_S, T_S, x, u, p, x_next, y)

@@ -22,6 +22,7 @@ open contact or an active limiter holds, and codes of sequences (whatever depend
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -32,7 +33,7 @@ from scipy import sparse
 from scipy.signal import tf2ss
 from scipy.special import factorial
 
-from shipgrid.analysis.islands import find_islands
+from shipgrid.analysis.islands import find_islands, pairs_of
 from shipgrid.assembly.layout import ONE, ZERO, TypeLayout
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SteadyStateError
@@ -49,6 +50,8 @@ SAMPLED, SAMPLED_LEG, DIRECT = ("s_alpha_ref", "s_beta_ref"), ("s_ref",), ("s_al
 """What modulators put in force: a reference held from instant to instant, or a vector at once."""
 LONGEST_RAMP = 2**30
 """Periods after which what still moves evenly is taken for a timer."""
+MARGIN = 1e-6
+"""Share of the bus voltage by which the voltage of a blocked bridge may pass it before its diodes conduct."""
 PROBE = 1e-9
 """Time [s] by which a state is moved on to see whether a limiter holds it."""
 
@@ -82,6 +85,37 @@ class DeadTime:
     b: np.ndarray
     c: np.ndarray
     d: float
+
+
+@dataclass
+class FloatingPole:
+    """A pole of a blocked bridge at a linear element: what its potential would be without a current.
+
+    Attributes
+    ----------
+    legs : Legs
+    path : str
+        Of its switching function.
+    x, u : ndarray of int
+        Places of states and inputs of the element.
+    A, B : ndarray
+        Rows of the state whose rate the pole's voltage drives.
+    column : int
+        Of the pole's voltage among the inputs.
+    """
+
+    legs: Legs
+    path: str
+    x: np.ndarray
+    u: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    column: int
+
+    def voltage(self, sig: np.ndarray, alias: np.ndarray) -> float:
+        """Voltage [V] at which the state stands still."""
+        others = np.delete(self.B, self.column) @ np.delete(sig[alias[self.u]], self.column)
+        return float(-(self.A @ sig[self.x] + others) / self.B[self.column])
 
 
 class _Line:
@@ -276,7 +310,7 @@ class Equations:
         for (part, path), place in layout.slots.items():
             if part != "u" or place not in self.names:
                 self.names[place] = path
-        self.alias = self._aliases()
+        self.alias = self._aliases(sig)
         self.kernels = [
             _Kernels(plan, t, k)
             for t in layout.types
@@ -295,13 +329,14 @@ class Equations:
 
     # who stands where
 
-    def _aliases(self) -> np.ndarray:
+    def _aliases(self, sig: np.ndarray) -> np.ndarray:
         alias = np.arange(self.size)
         for name, gather in self.plan.gathers.items():
             pairs = gather["latest"] if name == "network" else np.concatenate([gather["measured"], gather["latest"]])
             alias[pairs[:, 0]] = pairs[:, 1]
+        self.blocked = self._blocked(sig, alias)
         for legs in self.plan.network.legs.values():
-            if self._references(legs) == DIRECT:  # the controller's vector is in force at once
+            if self._references(legs) == DIRECT and legs.path not in self.blocked:  # its vector is in force at once
                 for pole, name in zip(legs.poles, DIRECT, strict=True):
                     alias[self.plan.layout.index[pole]] = self.plan.layout.slots["u", f"{legs.modulator}.{name}"]
         while np.any(alias[alias] != alias):
@@ -331,16 +366,11 @@ class Equations:
             found.append((placed, period, links, np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)))
         return found
 
-    def _blocked(self, sig: np.ndarray) -> set[str]:
-        """Switching functions of the poles whose gates are blocked at the point."""
-        gates = {legs: ("u", f"{legs.modulator}.gates") for legs in self.plan.network.legs.values()}
+    def _blocked(self, sig: np.ndarray, alias: np.ndarray) -> set[str]:
+        """Bridges whose gates are blocked at the point."""
         slots = self.plan.layout.slots
-        return {
-            pole
-            for legs, slot in gates.items()
-            if slot in slots and sig[self.alias[slots[slot]]] < 0.5
-            for pole in legs.poles
-        }
+        gates = {path: ("u", f"{legs.modulator}.gates") for path, legs in self.plan.network.legs.items()}
+        return {path for path, slot in gates.items() if slot in slots and sig[alias[slots[slot]]] < 0.5}
 
     def _elements(self, sig: np.ndarray) -> None:
         """Matrices of the linear elements, with their contacts as they stand."""
@@ -348,7 +378,10 @@ class Equations:
         self.elements: list[tuple[Placed, np.ndarray, np.ndarray, np.ndarray, Any]] = []
         self.opened: list[str] = []
         self.held: set[int] = set()
-        blocked = self._blocked(sig)
+        poles = {
+            pole: legs for path, legs in self.plan.network.legs.items() if path in self.blocked for pole in legs.poles
+        }
+        self.floating: list[FloatingPole] = []
         for t in layout.types:
             if not t.kind.linear:
                 continue
@@ -363,16 +396,21 @@ class Equations:
                 space = state_space(placed.item, position)
                 A, B, C, D = space.A.copy(), space.B.copy(), space.C.copy(), space.D.copy()
                 held = [states.index(name) for name in placed.positions[position] or ()]
+                u = np.array([t.u + k * t.nu + inputs.index(name) for name in [*ends, *space.sources]])
                 for column, end in enumerate(t.kind.terminals):  # blocked legs whose diodes do not conduct
-                    if placed.ports[end.name].coefficient in blocked:
-                        held += [int(row) for row in np.flatnonzero(B[:, column]) if row not in held]
+                    pole = placed.ports[end.name].coefficient or ""
+                    if pole in poles:
+                        rows = [int(row) for row in np.flatnonzero(B[:, column]) if row not in held]
+                        self.floating += [
+                            FloatingPole(poles[pole], pole, x, u, A[row], B[row], column) for row in rows[:1]
+                        ]
+                        held += rows
                 A[held, :] = A[:, held] = 0.0
                 B[held, :] = C[:, held] = 0.0
                 self.held |= set(x[held])
                 if placed.positions[position] is not None and len(held) == len(states):
                     D[:] = 0.0
                     self.opened.append(placed.path)
-                u = np.array([t.u + k * t.nu + inputs.index(name) for name in [*ends, *space.sources]])
                 y = np.array([t.y + k * t.ny + outputs.index(end.i) for end in t.kind.terminals])
                 self.elements.append((placed, x, u, y, (A, B, C, D)))
 
@@ -416,6 +454,8 @@ class Equations:
         """Ports and nodes: who meets whom."""
         layout, network = self.plan.layout, self.plan.network
         self.ports: list[tuple[int, int, int, int, int, float]] = []  # v, i, plus, minus, coefficient, weight
+        self.idle: set[int] = set()  # voltages of ports of stamped devices at blocked poles: there is no current
+        poles = {pole for path in self.blocked for pole in network.legs[path].poles}
         for t in layout.types:
             for k, placed in enumerate(t.placed):
                 for end in t.kind.terminals:
@@ -424,11 +464,57 @@ class Equations:
                     i = t.y + k * t.ny + names_of(t.kind.output).index(end.i)
                     nodes = [layout.index[node] if node else ZERO for node in (binding.plus, binding.minus)]
                     c = layout.place(binding.coefficient, placed.path) if binding.coefficient else ONE
+                    if t.kind.stamped and binding.coefficient in poles:
+                        self.idle.add(v)
                     self.ports.append((v, i, nodes[0], nodes[1], int(self.alias[c]), binding.weight))
         self.nodes = {
             layout.index[name]: (network.capacitances.get(name, 0.0), network.conductances.get(name, 0.0))
             for name in layout.nodes
         }
+        for t in layout.types:  # voltages of ports follow from nodes as they turn; these follow from the machine itself
+            for k in range(len(t.placed) if t.kind.stamped else 0):
+                vectors = [(t.u + k * t.nu + a, t.u + k * t.nu + b) for a, b in pairs_of(names_of(t.kind.input))]
+                vectors = [pair for pair in vectors if self.idle.issuperset(pair)]
+                own = range(t.y + k * t.ny, t.y + (k + 1) * t.ny)
+                for island in self.islands:
+                    island.pairs += [pair for pair in vectors if any(a in own for a, _ in island.pairs)]
+        current_of: dict[int, int] = {}  # the coefficient of a port, to the port's current
+        for t in layout.types:
+            for k, placed in enumerate(t.placed):
+                for end in t.kind.terminals:
+                    pole = placed.ports[end.name].coefficient
+                    if pole:
+                        i = t.y + k * t.ny + names_of(t.kind.output).index(end.i)
+                        current_of[layout.place(pole, placed.path)] = i
+        self.meters = [
+            (
+                layout.index[f"{legs.path}.i_dc"],
+                layout.index[legs.bus.nodes[0]],
+                legs.weight,
+                [(int(self.alias[layout.index[pole]]), current_of[layout.index[pole]]) for pole in legs.poles],
+            )
+            for legs in network.legs.values()
+        ]
+
+    def conducting(self, sig: np.ndarray) -> str:
+        """What to tell of a blocked bridge whose diodes would conduct at a point; empty if there is none."""
+        index, across = self.plan.layout.index, {path: {} for path in self.blocked}
+        for pole in self.floating:
+            across[pole.legs.path][pole.path] = pole.voltage(sig, self.alias)
+        for v, _, _, _, c, _ in self.ports:
+            if v in self.idle:
+                path = next(p for p in self.blocked if c in [index[pole] for pole in self.plan.network.legs[p].poles])
+                across[path][self.names[c]] = float(sig[v])
+        for path, voltages in across.items():
+            legs = self.plan.network.legs[path]
+            v_dc, poles = float(sig[index[legs.bus.nodes[0]]]), [voltages.get(pole, 0.0) for pole in legs.poles]
+            line = math.sqrt(3.0) * math.hypot(*poles)
+            if len(poles) == 2 and line > v_dc * (1.0 + MARGIN):
+                what = f"the peak of its line voltage is {line:.4g} V, its bus {v_dc:.4g} V"
+                return f"the diodes of '{path}' conduct: {what}"
+            if len(poles) == 1 and voltages and not -MARGIN * v_dc <= poles[0] <= v_dc * (1.0 + MARGIN):
+                return f"the diodes of '{path}' conduct: its pole is at {poles[0]:.4g} V, its bus at {v_dc:.4g} V"
+        return ""
 
     # values and derivatives
 
@@ -558,14 +644,33 @@ class Point:
             self.residual[node] = -conductance * sig[node]
             self._add(node, node, np.array(-conductance))
         for v, i, plus, minus, c, weight in e.ports:
-            across = sig[plus] - sig[minus]
             self.active[v] = True
+            if v in e.idle:  # its voltage is the one at which no current flows
+                self.residual[v] = sig[i]
+                self._add(v, i, np.array(1.0))
+                continue
+            across = sig[plus] - sig[minus]
             self.residual[v] = sig[c] * across - sig[v]
             self._add(v, [v, plus, minus, c], np.array([-1.0, sig[c], -sig[c], across]))
             for node, sign in ((plus, 1.0), (minus, -1.0)):
                 if node != ZERO:
                     self.residual[node] -= sign * weight * sig[c] * sig[i]
                     self._add(node, [i, c], -sign * weight * np.array([sig[c], sig[i]]))
+        for m, dc, weight, poles in e.meters:  # current and power out of the bus into a bridge, and counted into it
+            current, v_dc = weight * sum(sig[s] * sig[i] for s, i in poles), sig[dc]
+            self.active[m : m + 4] = True
+            self.residual[m : m + 4] = (
+                current - sig[m],
+                sig[m] * v_dc - sig[m + 1],
+                -sig[m] - sig[m + 2],
+                -sig[m + 1] - sig[m + 3],
+            )
+            for s, i in poles:
+                self._add(m, [s, i], weight * np.array([sig[i], sig[s]]))
+            self._add(m + 1, [m, dc], np.array([v_dc, sig[m]]))
+            self._add(m + 2, m, np.array(-1.0))
+            self._add(m + 3, m + 1, np.array(-1.0))
+            self._add_diagonal(np.arange(m, m + 4), -1.0)
         # a node with capacitance: its row becomes a rate
         self.per_farad = np.ones(e.size)
         for node, (capacitance, _) in e.nodes.items():

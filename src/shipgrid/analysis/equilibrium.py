@@ -23,8 +23,9 @@ from scipy.sparse.linalg import MatrixRankWarning, splu
 
 from shipgrid.analysis.equations import Equations, Point
 from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.hand_over import taken_over
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
-from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.start import settle_modulators, settle_outputs
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.network import DcBus
 
@@ -93,6 +94,7 @@ class OperatingPoint:
                     first = int(kernels.parameters.line.real)
                     cells = t.placed[k].item.delay_length(kernels.period)
                     work.step.delays[first : first + cells] = self.sig[self.equations.inner[kernels.u[0]]]
+        settle_modulators(self.plan, work)
         work.step.previous[:] = work.sig
         work.step.watched_was[:] = work.sig[self.plan.step.watched]
         return work
@@ -160,8 +162,23 @@ def steady_state(
     found = search.newton(sig, omega) or search.newton(*search.slowly(sig, omega))
     if found is None:
         raise SteadyStateError(search.complaint())
+    conducting = equations.conducting(found[0])
+    if conducting:
+        raise SteadyStateError(
+            f"no operating point: {conducting}; a rectifying bridge has none here, expected driven gates or a run"
+        )
     _check_turning(equations, found[0], found[1])
-    return OperatingPoint(plan, equations, *found)
+    point = OperatingPoint(plan, equations, *found)
+    _settle_modulators(point)
+    return point
+
+
+def _settle_modulators(point: OperatingPoint) -> None:
+    """Bring what modulators put out up to the point: bounds of legs, and whether they are limited."""
+    work, layout = point.workspace(), point.plan.layout
+    for t in (t for t in layout.types if "modulate" in t.kind.kernels):
+        own = slice(t.y, t.y + t.ny * len(t.placed))
+        point.sig[own] = work.sig[own]
 
 
 def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:
@@ -198,7 +215,7 @@ def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> 
 
 def _start(plan: Plan, commands: dict[str, float], start: Workspace | Mapping[str, float] | None) -> Workspace:
     if isinstance(start, Workspace):
-        work = start.snapshot()
+        work = taken_over(start, plan)
     elif start is None:
         return operating_point(plan, commands)[0]
     else:

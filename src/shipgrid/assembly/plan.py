@@ -178,6 +178,7 @@ class Workspace:
     `n` is the number of steps done; time is `n * plan.h`.
     """
 
+    plan: Plan
     n: int
     sig: np.ndarray
     net: NetworkWork
@@ -202,7 +203,8 @@ class Workspace:
 
     def snapshot(self) -> Workspace:
         """An independent copy."""
-        found = copy.deepcopy(self)
+        shared = {id(plan): plan for plan in (self.plan, *self.plan.parts)}  # a plan never changes
+        found = copy.deepcopy(self, shared)
         _separate(found)
         return found
 
@@ -518,7 +520,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         event_value=np.zeros(EVENTS),
         event_count=np.zeros(1, dtype=np.int64),
     )
-    return Workspace(0, sig, net, step, no_pace())
+    return Workspace(plan, 0, sig, net, step, no_pace())
 
 
 def terms_of(public: PublicSignal | Waveform) -> tuple[tuple[str, float], ...]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +15,7 @@ from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.weave import NORTON, type_order, type_views
 from shipgrid.model.component import type_of
 from shipgrid.model.kernel import argument_names, call_uncompiled
-from shipgrid.model.network import PortBinding
+from shipgrid.model.network import Placed, PortBinding
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 
@@ -113,19 +116,31 @@ def _across(plan: Plan, sig: np.ndarray, binding: PortBinding) -> float:
 
 VANISHING = 1e-6
 """Length of the step that finds the network's voltages, over that of the plan: what it moves is lost in rounding."""
+NULL = 1e-12
+"""Singular values of the nodal equations, each node over its own conductance, below which nothing conducts."""
+ISOLATED = 1e-9
+"""Conductance of everything else over an element's own below which it is isolated."""
+IMPULSE = 0.01
+"""Voltage that currents which do not add up make over the first step, over the limit of the bus: a tenth of nominal.
+Currents at an inductance that stands for none (a stiff source) make less, and start as they are."""
 
 
-def settle_network(plan: Plan, work: Workspace) -> None:
+def settle_network(plan: Plan, work: Workspace) -> list[str]:
     """Find the voltages of buses without capacitance, and the terminal quantities of all elements.
 
     One implicit Euler step of vanishing length, solved densely; states and capacitor voltages stay what they are. A
-    bus that nothing defines is at zero.
+    bus that nothing defines is at zero. An element that nothing else meets is told so, if it has a kernel for that.
 
     Parameters
     ----------
     plan : Plan
     work : Workspace
         Its flat vector is changed in place.
+
+    Returns
+    -------
+    list of str
+        Currents that have no path, a line each.
     """
     sig, layout, network = work.sig, plan.layout, plan.network
     gh = VANISHING * plan.h
@@ -133,14 +148,12 @@ def settle_network(plan: Plan, work: Workspace) -> None:
     capacitance = np.array([network.capacitances.get(name, 0.0) for name in layout.nodes])
     start = sig[[layout.index[name] for name in layout.nodes]]
     Y = np.diag(capacitance / gh + [network.conductances.get(name, 0.0) for name in layout.nodes])
-    rhs = capacitance / gh * start
     ports = []
     for t in layout.types:
         if not t.kind.terminals:
             continue
         views = dict(type_views(plan, work, t)) if t.kind.stamped else {}
         for i, placed in enumerate(t.placed):
-            W, history = _stamped(plan, work, t, i, views, gh) if t.kind.stamped else _linear(plan, work, t, i, gh)
             bindings = [placed.ports[terminal.name] for terminal in t.kind.terminals]
             c = sig[[layout.place(b.coefficient, placed.path) if b.coefficient else ONE for b in bindings]]
             incidence = np.zeros((len(bindings), len(number)))
@@ -148,19 +161,154 @@ def settle_network(plan: Plan, work: Workspace) -> None:
                 for node, sign in ((binding.plus, 1.0), (binding.minus, -1.0)):
                     if node:
                         incidence[r, number[node]] += sign
-            left = incidence.T * (np.array([b.weight for b in bindings]) * c)
-            Y += left @ W @ (c[:, None] * incidence)
-            rhs -= left @ history
-            ports.append((t, placed, c[:, None] * incidence, W, history))
+            weight = np.array([b.weight for b in bindings])
+            stamp = (
+                partial(_stamped, plan, work, t, i, views, gh)
+                if t.kind.stamped
+                else partial(_linear, plan, work, t, i, gh)
+            )
+            port = _Port(t, i, placed, c[:, None] * incidence, incidence.T * (weight * c), views, stamp, *stamp())
+            Y += port.left @ port.W @ port.incidence
+            ports.append(port)
+    for port in ports:
+        if "isolated" in port.t.kind.kernels and _is_isolated(Y, port):
+            Y -= port.left @ port.W @ port.incidence
+            _call_isolated(plan, work, port)
+            port.W, port.history = port.stamp()
+            Y += port.left @ port.W @ port.incidence
+    injected = -sum((port.left @ port.history for port in ports), np.zeros(len(number)))
     scale = 1.0 / np.sqrt(np.where(np.diag(Y) > 0.0, np.diag(Y), 1.0))
-    v = scale * np.linalg.lstsq(scale[:, None] * Y * scale, scale * rhs, rcond=1e-12)[0]
+    scaled = scale[:, None] * Y * scale
+    v = scale * np.linalg.lstsq(scaled, scale * (injected + capacitance / gh * start), rcond=NULL)[0]
     v = np.where(capacitance > 0.0, start, v)
     sig[[layout.index[name] for name in layout.nodes]] = v
-    for t, placed, incidence, W, history in ports:
-        voltage = incidence @ v
-        for terminal, volt, ampere in zip(t.kind.terminals, voltage, W @ voltage + history, strict=True):
-            sig[layout.slots["u", f"{placed.path}.{terminal.v}"]] = volt
-            sig[layout.slots["y", f"{placed.path}.{terminal.i}"]] = ampere
+    for port in ports:
+        voltage = port.incidence @ v
+        for terminal, volt, ampere in zip(port.t.kind.terminals, voltage, port.W @ voltage + port.history, strict=True):
+            sig[layout.slots["u", f"{port.placed.path}.{terminal.v}"]] = volt
+            sig[layout.slots["y", f"{port.placed.path}.{terminal.i}"]] = ampere
+    settle_meters(plan, sig)
+    return _without_path(layout.nodes, scaled, scale * injected, ports) + _do_not_add_up(plan, v, ports)
+
+
+@dataclass
+class _Port:
+    """An element in its place, its Norton equivalent, and what makes nodal equations of it."""
+
+    t: TypeLayout
+    i: int
+    placed: Placed
+    incidence: np.ndarray
+    left: np.ndarray
+    views: dict[str, Any]
+    stamp: Callable[[], tuple[np.ndarray, np.ndarray]]
+    W: np.ndarray
+    history: np.ndarray
+
+
+def _is_isolated(Y: np.ndarray, port: _Port) -> bool:
+    """Whether nothing but an element itself conducts what it would drive."""
+    own = port.left @ port.W @ port.incidence
+    here = np.flatnonzero(np.any(own != 0.0, axis=1))
+    there = np.setdiff1d(np.arange(len(Y)), here)
+    rest = Y - own
+    seen = (
+        rest[np.ix_(here, here)]
+        - rest[np.ix_(here, there)] @ np.linalg.pinv(rest[np.ix_(there, there)], rcond=NULL) @ rest[np.ix_(there, here)]
+    )
+    return bool(np.all(np.abs(seen) <= ISOLATED * np.abs(own).max()))
+
+
+def _call_isolated(plan: Plan, work: Workspace, port: _Port) -> None:
+    kernel, key = port.t.kind.kernels["isolated"], port.t.kind.key
+    values: dict[str, Any] = {"tables": plan.step.tables, "delays": work.step.delays}
+    names = argument_names(kernel)
+    values |= {n: port.views[f"{key}_{n}"].view(np.recarray)[port.i] for n in names if n not in values}
+    call_uncompiled(kernel, values)
+
+
+def _without_path(nodes: list[str], scaled: np.ndarray, injected: np.ndarray, ports: list[_Port]) -> list[str]:
+    """Currents that are driven into nodes which nothing leaves, a line each."""
+    left, values, _ = np.linalg.svd(scaled)
+    lines = []
+    for direction in left[:, values <= NULL * max(float(np.max(values, initial=0.0)), 1.0)].T:
+        if abs(direction @ injected) <= 1e-6 * (np.abs(direction) @ np.abs(injected)):
+            continue
+        island = {k for k in range(len(nodes)) if abs(direction[k]) > 1e-6}
+        driving = [
+            p.placed.path for p in ports if np.any(p.history) and island & set(np.flatnonzero(np.any(p.left, axis=1)))
+        ]
+        where = " and ".join(f"'{nodes[k]}'" for k in sorted(island))
+        lines.append(
+            f"start: the current of {' and '.join(driving)} into {where} has no path: expected an element that "
+            "conducts there, a closed contact or a capacitance"
+        )
+    return list(dict.fromkeys(lines))
+
+
+def _do_not_add_up(plan: Plan, v: np.ndarray, ports: list[_Port]) -> list[str]:
+    """Buses at which inductive currents are given that do not add up, so that an impulse would have to move them."""
+    index, limit = plan.layout.index, dict(zip(plan.net.node_signal.tolist(), plan.net.node_limit, strict=True))
+    lines = []
+    for k, node in enumerate(plan.layout.nodes):
+        impulse = VANISHING * float(v[k])
+        if abs(impulse) < IMPULSE * limit[index[node]] or plan.network.capacitances.get(node, 0.0) > 0.0:
+            continue
+        met = [
+            f"{port.placed.path} {current:.4g} A"
+            for port in ports
+            for current, row in zip(port.history, port.incidence, strict=True)  # at no voltage: what is given
+            if row[k] != 0.0
+        ]
+        lines.append(
+            f"start: the currents given at '{node}' do not add up ({', '.join(met)}, counted into each): "
+            f"{impulse:.3g} V over the first step would have to move them; expected currents that do, or a capacitance"
+        )
+    return lines
+
+
+def settle_meters(plan: Plan, sig: np.ndarray) -> None:
+    """Bring what bridges measure up to their switching functions, the currents of their poles and the bus voltage.
+
+    Parameters
+    ----------
+    plan : Plan
+        Not cut.
+    sig : ndarray
+        Flat vector, changed in place.
+    """
+    net = plan.net
+    for b, legs in enumerate(plan.network.legs.values()):
+        poles = slice(len(legs.poles))
+        s, i = sig[net.bridge_s[b, poles]], sig[net.port_i[net.bridge_port[b, poles]]]
+        current = net.bridge_weight[b] * float(s @ i)
+        power = current * sig[net.node_signal[net.bridge_node[b]]]
+        first = int(net.bridge_meter[b])
+        sig[first : first + 6] = current, power, -current, -power, 0.0, 0.0
+
+
+def settle_modulators(plan: Plan, work: Workspace) -> None:
+    """Bring the outputs of averaged modulators up to what they have in force, as in a step without a new reference.
+
+    Parameters
+    ----------
+    plan : Plan
+        Not cut.
+    work : Workspace
+        Its flat vector is changed in place.
+    """
+    sig = work.sig
+    for t in plan.layout.types:
+        kernel, key = t.kind.kernels.get("modulate"), t.kind.key
+        names = argument_names(kernel) if kernel is not None else ()
+        if kernel is None or set(names) - {"fraction", "x", "u", "y", "p"}:
+            continue
+        gather = plan.gathers[key]["now"]
+        sig[gather[:, 0]] = sig[gather[:, 1]]
+        views = dict(type_views(plan, work, t))
+        for i in range(len(t.placed)):
+            values = {n: views[f"{key}_{n}"].view(np.recarray)[i] for n in names if n != "fraction"}
+            call_uncompiled(kernel, values | {"fraction": -1.0})
 
 
 def _linear(plan: Plan, work: Workspace, t: TypeLayout, i: int, gh: float) -> tuple[np.ndarray, np.ndarray]:

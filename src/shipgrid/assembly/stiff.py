@@ -125,17 +125,18 @@ def means_of_steps(network: Network, layout: Layout, net: NetworkPlan, step: flo
     """
     constants = time_constants(network)
 
-    def follows(node: str | None) -> bool:
-        return node is not None and constants.get(node, math.inf) < RESOLVED * step
+    def follows(node: str) -> bool:
+        return constants.get(node, math.inf) < RESOLVED * step
 
     reached = {legs.bus.nodes[0] for legs in network.legs.values() if follows(legs.bus.nodes[0])}
     stateless = [placed for placed in _resistive(network) if not names_of(type_of(placed.item).state)]
-    ends = {
-        p.path: {n for b in p.ports.values() if b.coefficient is None for n in (b.plus, b.minus)} for p in stateless
-    }
+    joined = [
+        {n for b in p.ports.values() if b.coefficient is None for n in (b.plus, b.minus) if n is not None}
+        for p in stateless
+    ]
     grown = True
     while grown:
-        more = {n for met in ends.values() if met & reached for n in met if follows(n)} - reached
+        more = {n for nodes in joined if nodes & reached for n in nodes if follows(n)} - reached
         reached |= more
         grown = bool(more)
     port_number = {int(place): k for k, place in enumerate(net.port_i)}

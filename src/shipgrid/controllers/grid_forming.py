@@ -3,7 +3,7 @@
 Per unit on the inverter's rating and the bar's voltage; dq on the internal angle theta, which this controller turns
 itself. `s` is the Laplace variable in (1) to (5), the kernel is their sampled form.
 
-    p = v_cd i_gd + v_cq i_gq,   q = v_cq i_gd - v_cd i_gq                           (at the filter capacitor)
+    p = v_cd i_gd + v_cq i_gq,   q = v_cq i_gd - v_cd i_gq
     omega = omega* + m_p (1 + T_1 s)/(1 + T_2 s) omega_c/(s + omega_c) (P* + dp_sync - p) + dw,
     dtheta/dt = omega                                                                                            (1)
     E     = V* + m_q (Q* - omega_q/(s + omega_q) q) + dV                                                         (2)
@@ -12,6 +12,9 @@ itself. `s` is the Laplace variable in (1) to (5), the kernel is their sampled f
     v_c*  = E - dv_t - dv_v                                                                                      (5)
     i_1*  = PI_v(v_c* - v_c) + j omega C v_c + F_i i_g,                  |i_1*| <= i_max                         (6)
     v_m*  = PI_c(i_1* - i_1) + j omega L_1 i_1 + F_v F(s) v_c,           |v_m*| <= v_dc / sqrt 3                 (7)
+
+v_c is what a transducer sees of the filter's capacitor, the damping resistor in series with it included: the control
+takes it from the samples of the capacitor and of both currents.
 
 dw and dV are the trims of a tie that moves the bar and of the inverter's own synchroniser, dw_sync + dw_join.
 
@@ -36,6 +39,7 @@ import math
 
 import numpy as np
 
+from shipgrid.components.electrical.lcl_filter import node_voltage
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.model import component, kernel, param, signal
@@ -82,8 +86,8 @@ class State:
 class Input:
     """Input of the controller."""
 
-    v_c_alpha: Volt = signal("capacitor voltage, alpha axis")
-    v_c_beta: Volt = signal("capacitor voltage, beta axis")
+    v_c_alpha: Volt = signal("voltage of the capacitor behind its damping resistor, alpha axis")
+    v_c_beta: Volt = signal("voltage of the capacitor behind its damping resistor, beta axis")
     i_1_alpha: Ampere = signal("converter current towards the grid, alpha axis")
     i_1_beta: Ampere = signal("converter current towards the grid, beta axis")
     i_g_alpha: Ampere = signal("grid current towards the grid, alpha axis")
@@ -107,8 +111,8 @@ class Output:
     s_alpha: Ratio = signal("modulation, alpha axis: bridge voltage over DC voltage")
     s_beta: Ratio = signal("modulation, beta axis")
     f: Hertz = signal("internal frequency")
-    p: PerUnit = signal("active power at the capacitor, delivered")
-    q: PerUnit = signal("reactive power at the capacitor, delivered")
+    p: PerUnit = signal("active power where the chokes meet, delivered")
+    q: PerUnit = signal("reactive power where the chokes meet, delivered")
     modulation: Ratio = signal("length of the modulation vector, 1 at its limit")
     current_limit: Ratio = signal("1 while the current reference is limited", limiter=True)
     virtual_impedance: Ratio = signal("1 while the threshold virtual impedance acts", limiter=True)
@@ -200,9 +204,10 @@ def update(t, dt, x: State, u: Input, p: GridForming, x_next: State, y: Output):
         rest(x, u, p, dt, x_next, y)
         return
     cos, sin = np.cos(x.theta), np.sin(x.theta)
-    v_d, v_q = rotate(u.v_c_alpha / p.v_b, u.v_c_beta / p.v_b, cos, sin)
     i_d, i_q = rotate(u.i_1_alpha / p.i_b, u.i_1_beta / p.i_b, cos, sin)
     ig_d, ig_q = rotate(u.i_g_alpha / p.i_b, u.i_g_beta / p.i_b, cos, sin)
+    v_d, v_q = rotate(u.v_c_alpha / p.v_b, u.v_c_beta / p.v_b, cos, sin)
+    v_d, v_q = node_voltage(v_d, i_d, ig_d, p.R_d), node_voltage(v_q, i_q, ig_q, p.R_d)
 
     y.p = v_d * ig_d + v_q * ig_q
     y.q = v_q * ig_d - v_d * ig_q
@@ -254,6 +259,12 @@ class GridForming(Derived):
     f_n: Hertz = param("frequency", default=60.0, above=0.0, source="[DAgostino2020] table A1")
     L_1: PerUnit = param("converter-side inductance of the filter", default=0.891, above=0.0, source="sizing rule")
     C: PerUnit = param("filter capacitance", default=0.06, above=0.0, source="[DAgostino2020] table A1")
+    R_d: PerUnit = param(
+        "damping resistance between the capacitor and where the voltage is measured",
+        default=0.0,
+        at_least=0.0,
+        source="an undamped filter",
+    )
     m_p: PerUnit = param("frequency droop", default=0.02, at_least=0.0, source="[DAgostino2020] table A1")
     m_q: PerUnit = param("voltage droop", default=0.02, at_least=0.0, source="[DAgostino2020] table A1")
     omega_c: RadianPerSecond = param("power low-pass", default=31.41, above=0.0, source="[DAgostino2020] table A1")

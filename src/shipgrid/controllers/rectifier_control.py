@@ -1,8 +1,10 @@
 """Control of the active rectifier: PLL, DC voltage, reactive power and dq current, sampled twice a carrier period.
 
-The d axis lies on the capacitor voltage of the LCL filter; currents are in the rectifier's sign (positive into the
-converter, i = -i_1), so that i_d > 0 is power into the DC bus and i_q > 0 reactive power delivered to the AC bus.
-Everything is per unit on the rating (DC: on V_dc and rating / V_dc) between the measurements and the modulation vector
+The d axis lies on the voltage at the capacitor of the LCL filter as a transducer sees it, the damping resistor in
+series with it included: the control takes it from the samples of the capacitor and of both currents. Currents are in
+the rectifier's sign (positive into the converter, i = -i_1), so that i_d > 0 is power into the DC bus and i_q > 0
+reactive power delivered to the AC bus. Everything is per unit on the rating (DC: on V_dc and rating / V_dc) between the
+measurements and the modulation vector
 
     s = v* / v_dc  in alpha-beta, advanced by 1.5 omega T_s,   |s| <= m_max / sqrt 3,       (1)
 
@@ -38,6 +40,7 @@ import math
 
 import numpy as np
 
+from shipgrid.components.electrical.lcl_filter import node_voltage
 from shipgrid.controllers.blocks.limiter import room_beside
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.pll import PllState, pll
@@ -51,6 +54,7 @@ from shipgrid.units import (
     Ampere,
     Henry,
     Hertz,
+    Ohm,
     PerUnit,
     PerUnitPerSecond,
     RadianPerSecond,
@@ -75,16 +79,18 @@ class State:
     vs_d: PerUnit = signal("converter voltage in force, d axis")
     vs_q: PerUnit = signal("converter voltage in force, q axis")
     i_dc_f: PerUnit = signal("filtered DC current")
-    v_f: PerUnit = signal("filtered length of the capacitor voltage")
+    v_f: PerUnit = signal("filtered length of the measured voltage")
     q_f: PerUnit = signal("filtered reactive power, positive delivered to the AC bus")
     i_d_ref_f: PerUnit = signal("filtered d-axis current reference")
 
 
 class Input:
-    v_c_alpha: Volt = signal("capacitor voltage, alpha")
-    v_c_beta: Volt = signal("capacitor voltage, beta")
+    v_c_alpha: Volt = signal("voltage of the capacitor behind its damping resistor, alpha")
+    v_c_beta: Volt = signal("voltage of the capacitor behind its damping resistor, beta")
     i_1_alpha: Ampere = signal("converter-side current towards the grid, alpha")
     i_1_beta: Ampere = signal("converter-side current towards the grid, beta")
+    i_2_alpha: Ampere = signal("grid-side current towards the grid, alpha")
+    i_2_beta: Ampere = signal("grid-side current towards the grid, beta")
     v_dc: Volt = signal("DC bus voltage")
     v_dc_ref: Volt = signal("reference of the DC voltage, at no load in droop")
     mode: Ratio = signal("0 droop, 1 voltage (forms the bus alone)", initial=0.0)
@@ -102,9 +108,9 @@ class Output:
     i_q: PerUnit = signal("q-axis current, positive delivering reactive power")
     i_d_ref: PerUnit = signal("reference of the d-axis current")
     i_q_ref: PerUnit = signal("reference of the q-axis current")
-    v_d: PerUnit = signal("capacitor voltage, d axis")
-    v_q: PerUnit = signal("capacitor voltage, q axis: zero when locked")
-    omega: RadianPerSecond = signal("speed of the capacitor voltage vector")
+    v_d: PerUnit = signal("voltage across capacitor and damping resistor, d axis")
+    v_q: PerUnit = signal("voltage across capacitor and damping resistor, q axis: zero when locked")
+    omega: RadianPerSecond = signal("speed of that voltage's vector")
     current_limit: Ratio = signal("1 while limit (3) or (4) holds a current reference", limiter=True)
     modulation_limit: Ratio = signal("1 while the converter voltage is at its limit", limiter=True)
     q_bound: Ratio = signal("1 while the modulation-limit bound (5) holds the q-axis reference", limiter=True)
@@ -153,7 +159,9 @@ def q_headroom(i_d, v_c, v_lim, p):
 def update(t, dt, x: State, u: Input, p: RectifierControl, x_next: State, y: Output):
     # measurements, per unit, on the PLL's d axis
     cos, sin = np.cos(x.pll.theta), np.sin(x.pll.theta)
-    v_d, v_q = rotate(u.v_c_alpha / p.V_b, u.v_c_beta / p.V_b, cos, sin)
+    v_alpha = node_voltage(u.v_c_alpha, u.i_1_alpha, u.i_2_alpha, p.R_d)
+    v_beta = node_voltage(u.v_c_beta, u.i_1_beta, u.i_2_beta, p.R_d)
+    v_d, v_q = rotate(v_alpha / p.V_b, v_beta / p.V_b, cos, sin)
     i_d, i_q = rotate(-u.i_1_alpha / p.I_b, -u.i_1_beta / p.I_b, cos, sin)
     v_c = hypot(v_d, v_q)
     v_dc = u.v_dc / p.V_dc_n
@@ -241,6 +249,12 @@ class RectifierControl(Derived):
         default=1.3228e-3,
         above=0.0,
         source="1.29 pu, [DAgostino2020] table A1",
+    )
+    R_d: Ohm = param(
+        "damping resistance between the capacitor and where the voltage is measured",
+        default=0.0,
+        at_least=0.0,
+        source="an undamped filter",
     )
     K_p: PerUnit = param(
         "proportional gain of the current control", default=1.0, above=0.0, source="[DAgostino2020] table A1"

@@ -22,7 +22,7 @@ from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
 from shipgrid.equipment.breakers import AC_CONTROL_PERIOD, trims_of
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
-from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
+from shipgrid.equipment.wiring import add_bridge, add_filter_voltage, publish_bridge_voltage
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Sampled
 from shipgrid.model.ops import absolute, clip, hypot
@@ -275,7 +275,13 @@ class Inverter:
             self.rating, grid.v_n, grid.f_n, L_1=chosen.L_1, C=self.C, L_2=self.L_t, R_1=self.R_1, R_2=self.R_t
         )
         control = dataclasses.replace(
-            chosen.control, S_n=self.rating, v_n=grid.v_n, f_n=grid.f_n, L_1=chosen.L_1, C=self.C
+            chosen.control,
+            S_n=self.rating,
+            v_n=grid.v_n,
+            f_n=grid.f_n,
+            L_1=chosen.L_1,
+            C=self.C,
+            R_d=lcl.R_d * self.rating / grid.v_n**2,
         )
         net.capacitance(bus, self.C_dc)
         clock = Sampled(self.f_sw)
@@ -284,6 +290,7 @@ class Inverter:
         net.add_three_phase(
             f"{name}.filter", lcl, ports={"converter": bridge, "grid": grid}, variant=f"{name}.sequence.position"
         )
+        voltage = add_filter_voltage(net, f"{name}.filter", lcl)
         axes = dict(zip(("alpha", "beta"), grid.nodes, strict=True))
         v_bar = {f"v_{axis}": node for axis, node in axes.items()}
 
@@ -315,7 +322,7 @@ class Inverter:
             f"{name}.synchroniser",
             AcTie(v_n=grid.v_n, S_n=self.rating),
             inputs={f"from_{axis}": node for axis, node in axes.items()}
-            | filter_state("to", "v_c")
+            | {f"to_{axis}": path for axis, path in voltage.items()}
             | filter_state("i", "i_2")
             | {"close": f"{name}.sequence.join"},
             clock=Every(AC_CONTROL_PERIOD),

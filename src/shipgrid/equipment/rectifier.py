@@ -281,7 +281,13 @@ class Rectifier:
 
     def check(self) -> None:
         """Refuse a control block that says differently what is said above it."""
-        owners = (("S_n", "rating"), ("K_v", "dc_droop"), ("K_e", "ac_droop"), ("L_1", "lcl_preset"))
+        owners = (
+            ("S_n", "rating"),
+            ("K_v", "dc_droop"),
+            ("K_e", "ac_droop"),
+            ("L_1", "lcl_preset"),
+            ("R_d", "damping"),
+        )
         refuse_other(self, "control", (*owners, ("V_n", "source"), ("f_n", "source"), ("V_dc_n", "bus")))
         refuse_other(self, "sequence", (("v_n", "source"),))
 
@@ -312,14 +318,14 @@ class Rectifier:
             f_n=terminals.f_n,
             V_dc_n=bus.v_n,
             L_1=lcl.L_1,
+            R_d=lcl.R_d,
             K_p=self.control.K_p * L_1 / L_1_PAPER,
             K_i=self.control.K_i * L_1 / L_1_PAPER,
             **self.outer_loops(),
         )
         net.capacitance(bus, self.C_dc)
 
-        i_1 = {f"i_1_{axis}": f"{name}.lcl.{axis}.i_1" for axis in ("alpha", "beta")}
-        v_c = {f"v_c_{axis}": f"{name}.lcl.{axis}.v_c" for axis in ("alpha", "beta")}
+        states = {f"{x}_{axis}": f"{name}.lcl.{axis}.{x}" for x in ("v_c", "i_1", "i_2") for axis in ("alpha", "beta")}
         clock = Sampled(2.0 * self.f_sw)
         enable = f"{name}.sequence.enable"
         bridge = add_bridge(net, name, bus, control=f"{name}.control", gates=enable, clock=clock, f_sw=self.f_sw)
@@ -333,8 +339,7 @@ class Rectifier:
         net.add(
             f"{name}.control",
             control,
-            inputs=v_c
-            | i_1
+            inputs=states
             | {
                 "v_dc": v_dc,
                 "v_dc_ref": f"{name}.sequence.v_dc_ref",

@@ -235,6 +235,7 @@ KERNELS = (
     "limit",
     "stamp",
     "advance",
+    "isolated",
     "stored_energy",
     "losses",
     "supplied",

@@ -425,6 +425,7 @@ class _Steps(threading.Thread):
             if met > self.events_seen:
                 run.events += logged_events(run.plan, run.work, self.events_seen)
                 self.events_seen = met
+            run.events += run.noted.new()
             for k in range(self.applied_seen, taken):
                 entry = pace.applied[k % len(pace.applied)]
                 origin = ORIGINS[int(entry.origin)]

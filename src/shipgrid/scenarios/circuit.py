@@ -14,21 +14,31 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.assembly import plan as assembly
+from shipgrid.assembly.hand_over import (
+    places_to_set,
+    places_to_start,
+    remembered,
+    same_plant,
+    set_time,
+    settle,
+    taken_over,
+)
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
-from shipgrid.assembly.start import settle_network, settle_outputs
 from shipgrid.assembly.weave import powers, stored_energy
-from shipgrid.errors import InputErrors, ParameterError, SolverError
+from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network
 from shipgrid.scenarios import snapshot
-from shipgrid.scenarios.events import At, places_to_set, seconds, timeline
+from shipgrid.scenarios.events import At, seconds, timeline
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
 from shipgrid.scenarios.timeline import Timeline
@@ -78,29 +88,35 @@ class RunnablePlan(Plan):
 
     def run(
         self,
-        start: Workspace | Mapping[str, float] | None = None,
+        start: Workspace | OperatingPoint | Mapping[str, float] | None = None,
         *,
         events: Iterable[At] = (),
         until: float,
         record: Sequence[str] | None = None,
         every: int = 1,
+        begin: float | None = None,
     ) -> CircuitRun:
         """Step from a start to an end.
 
         Parameters
         ----------
-        start : Workspace or mapping of str to float, optional
-            An operating point or the `end` of another run, which stays as it is; or values [SI] of states, bus
-            voltages, commands and constant inputs by path at time zero, everything else at its declared initial
-            value.
+        start : Workspace, OperatingPoint or mapping of str to float, optional
+            An operating point, or the `end` of another run, which stays as it is. One of another plan with the same
+            buses and elements is handed over by name: what the plant remembers, not its parameters; a command or
+            constant input that is declared otherwise there is the one declared here. Or values [SI] by path, such as
+            `final` of another run: of states, bus voltages, outputs held from sample to sample, commands and constant
+            inputs; everything else is at its declared initial value.
         events : iterable of At
             What happens on the way; each at the step that begins nearest to its time.
         until : float
-            Time [s] at which to end; a start that is the end of another run goes on at its time.
+            Time [s] at which to end.
         record : sequence of str, optional
             Paths or public names of the signals to keep; all of them if left out.
         every : int
             Number of steps from one kept value to the next; the extremes between them are kept as well.
+        begin : float, optional
+            Time [s] of a start that is given by values; 0 if left out. A start that is the end of a run goes on at its
+            time, to the nearest step where the steps differ.
 
         Returns
         -------
@@ -109,16 +125,18 @@ class RunnablePlan(Plan):
         Raises
         ------
         InputErrors
-            All of start and events that cannot be set.
+            All of start and events that cannot be set; currents that have no path at the start.
+        TopologyError
+            If the start is of a network with other buses, elements or connections; names them.
         ParameterError
-            If `until` is no number or lies before the start, or more is to be kept than fits.
+            If `until` or `begin` is no number or `until` lies before the start, or more is to be kept than fits.
         SolverError
             If the run diverged; its attribute `run` has what was computed before.
         """
         until = seconds("until", until)
         sources = self._sources(record)
         watching = self._watching(sources, every)
-        work = self._workspace(watching, start)
+        work = self._workspace(watching, start, None if begin is None else seconds("begin", begin))
         began = work.n * self.h
         if not (math.isfinite(until) and round(until / self.h) > work.n):
             raise ParameterError(f"until = {until!r} s, expected a time after the start at {began:g} s")
@@ -143,6 +161,17 @@ class RunnablePlan(Plan):
             raise error
         return result
 
+    def common(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Those of some values by path that this plan can start from.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            `final` of a run of another network, say; what only the other has is left out.
+        """
+        known = places_to_start(self)
+        return {path: value for path, value in values.items() if path in known}
+
     def save(self, work: Workspace, path: str | Path) -> None:
         """Write the end of a run, or an operating point, to a file, whole or not at all.
 
@@ -155,9 +184,14 @@ class RunnablePlan(Plan):
 
         Raises
         ------
+        TopologyError
+            If it is of another plan.
         OSError
             If it cannot be written; an older one is untouched.
         """
+        if not same_plant(work, self):
+            other = work.plan.network.name
+            raise TopologyError(f"{path}: the state is of another plan of '{other}', expected one of this plan")
         snapshot.write(Path(path), work, {"identity": snapshot.identity(self)}, without=LOGS)
 
     def load(self, path: str | Path) -> Workspace:
@@ -204,15 +238,21 @@ class RunnablePlan(Plan):
         )
         return dataclasses.replace(self, step=step)
 
-    def _workspace(self, watching: Plan, start: Workspace | Mapping[str, float] | None) -> Workspace:
-        work = new_workspace(watching)
+    def _workspace(
+        self, watching: Plan, start: Workspace | OperatingPoint | Mapping[str, float] | None, begin: float | None
+    ) -> Workspace:
+        if isinstance(start, OperatingPoint):
+            start = start.workspace()
         if isinstance(start, Workspace):
-            copied = start.snapshot()
-            copied.step = copied.step._replace(**{name: getattr(work.step, name) for name in LOGS})
+            if begin is not None:
+                raise ParameterError(f"begin = {begin:g} s, expected none: the start has its own time")
+            copied, empty = taken_over(start, watching), new_workspace(watching)
+            copied.plan = watching
+            copied.step = copied.step._replace(**{name: getattr(empty.step, name) for name in LOGS})
+            copied.net.stranded_first[:] = copied.net.stranded_last[:] = 0
             return copied
-        known = {path: self.layout.index[path] for path in self.layout.nodes}
-        known |= {path: place for (part, path), place in self.layout.slots.items() if part == "x"}
-        known |= places_to_set(self)
+        work = new_workspace(watching)
+        known = places_to_start(self)
         wrong = []
         for path, value in (start or {}).items():
             if path in known and math.isfinite(value):
@@ -221,11 +261,13 @@ class RunnablePlan(Plan):
             near = difflib.get_close_matches(path, known, n=1)
             hint = f" (nearest: '{near[0]}')" if near and path not in known else ""
             wrong.append(f"start: '{path}' = {value!r} is no value of a state, bus voltage or command{hint}")
+        if begin is not None and not (math.isfinite(begin) and begin >= 0.0):
+            wrong.append(f"begin = {begin!r} s, expected a time from 0 on")
+        wrong = wrong or settle(watching, work)
         if wrong:
             raise InputErrors(wrong)
-        settle_outputs(watching, work)
-        settle_network(watching, work)
-        settle_outputs(watching, work)
+        if begin is not None:
+            set_time(watching, work, begin)
         return work
 
 
@@ -248,7 +290,10 @@ class CircuitRun:
     Attributes
     ----------
     end : Workspace
-        The state at the end, from which another run may go on.
+        The state at the end, from which another run may go on, of this plan or of one with other parameters.
+    final : dict of str to float
+        The same as values [SI] by path: states, bus voltages, outputs held from sample to sample, commands and constant
+        inputs. They start a plan of another network too (`plan.common`).
     events : list of Event
         What happened: time [s], source, text.
     limiters : list of Limiter
@@ -270,6 +315,11 @@ class CircuitRun:
         self.limiters = [Limiter(*row) for row in limiter_rows(run)]
         self.energy, self.energy_balance_error = energy_balance(run.plan, run.work, before)
         self.failure = run.failure
+
+    @cached_property
+    def final(self) -> dict[str, float]:
+        """What the plant remembers at the end, by path [SI]."""
+        return remembered(self.end)
 
     def __repr__(self) -> str:
         return f"<CircuitRun of {self._plan.network.name}: {len(self._names)} signals to {self._time[-1]:g} s>"

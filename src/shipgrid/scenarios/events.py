@@ -11,10 +11,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from shipgrid.assembly.hand_over import places_to_set
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import InputErrors, ParameterError
-from shipgrid.model.component import type_of
-from shipgrid.model.records import names_of
 
 
 @dataclass(frozen=True)
@@ -45,20 +44,6 @@ class At:
 
     time: float
     action: Open | Close | Set
-
-
-def places_to_set(plan: Plan) -> dict[str, int]:
-    """What an event may set, and where it lies in the flat vector: commands, and inputs that no signal feeds."""
-    layout = plan.layout
-    found = {}
-    for placed in plan.network.placed.values():
-        kind = type_of(placed.item)
-        ends = {terminal.v for terminal in kind.terminals}
-        for name in names_of(kind.input):
-            path = f"{placed.path}.{name}"
-            if name not in ends and not isinstance(placed.inputs.get(name), str):
-                found[path] = layout.slots["u", path]
-    return found | {command: layout.index[f"command:{command}"] for command in plan.network.commands}
 
 
 def seconds(name: str, value: Any) -> float:

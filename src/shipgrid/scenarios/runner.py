@@ -60,6 +60,7 @@ from shipgrid.scenarios.parts import Groups, parts_wanted
 from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
+from shipgrid.scenarios.solver_events import SolverEvents
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
@@ -138,6 +139,11 @@ class Run:
     """Where it is written."""
     workers: int = 1
     """Threads that share the parts of a plan that has some."""
+    noted: SolverEvents = field(init=False)
+    """What of the solver's notes has been logged."""
+
+    def __post_init__(self) -> None:
+        self.noted = SolverEvents(self.plan, self.work)
 
     @property
     def t(self) -> float:
@@ -692,7 +698,7 @@ def _flush(run: Run, writer: Writer | None) -> None:
             at = (newest - rows + 1 + np.arange(rows)) * every * plan.h
             writer.append(group, at, *written[:, :rows])
         step.rows[k] = 0
-    run.events += logged_events(plan, run.work, 0)
+    run.events += logged_events(plan, run.work, 0) + run.noted.new()
     step.event_count[0] = 0
 
 

@@ -175,7 +175,7 @@ def copied(work: Workspace) -> Workspace:
     kept["rows"][:], kept["event_count"][:], kept["wave_row"][:] = 0, 0, -1
     net = work.net._replace(**{name: value.copy() for name, value in work.net._asdict().items()})
     parts = tuple(copied(part) for part in work.parts)
-    return Workspace(work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace, parts)
+    return Workspace(work.plan, work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace, parts)
 
 
 def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:

@@ -184,7 +184,7 @@ class Diodes:
                 columns.append(np.zeros(ports))
                 columns[-1][bridge.poles] = direction
             blocks.append(block)
-        return np.array(columns).reshape(-1, ports).T, block_diag(np.zeros((0, 0)), *blocks)
+        return np.array(columns).reshape(-1, ports).T, np.array(block_diag(np.zeros((0, 0)), *blocks))
 
     def _conductance(self, bridge: Bridge) -> np.ndarray:
         """What the legs of a reversed bus conduct, by the potentials of the poles alone: i = -G (v - s v_dc)."""
@@ -216,14 +216,15 @@ class Diodes:
             Rates of the ports' currents; they decide where there is no current.
         """
         for bus, on in self.reversed.items():
-            v = node_voltage[bus]
+            v = float(node_voltage[bus])
             yield Condition((-v if on else v) / NONE_V, {-1 - bus: not on})
         for bridge in self.bridges:
             first, axes = bridge.legs.start, bridge.axes
             state = self.state[bridge.legs]
             if self.reversed[bridge.bus]:
                 v_dc = -float(node_voltage[bridge.bus])
-                for k, drop in enumerate(bridge.R_d * (axes @ current[bridge.poles])):  # in volts, as the bus is quick
+                drops = bridge.R_d * (axes @ current[bridge.poles])  # in volts: the bus moves quickly
+                for k, drop in enumerate(float(d) for d in drops):
                     if state[k] == BOTH:
                         yield Condition((v_dc - drop) / NONE_V, {first + k: AT_LO})
                         yield Condition((v_dc + drop) / NONE_V, {first + k: AT_HI})

@@ -9,7 +9,15 @@ Space vectors, x = x_alpha + j x_beta; k = a, b, c are the windings, each with a
 psi_k are the projections of psi exp(j turn) on the three axes: a winding in star has the flux of its phase, `turn` 0,
 one in delta that of a line voltage, `turn` 30 degrees, as seen from the equivalent star. They have no zero sequence,
 and (3) leaves out that of the currents: in a transformer with a delta winding, which most have, it flows there and
-nowhere else. Without a delta the star point would move. No hysteresis: a core starts with the flux that it is given.
+nowhere else. Without a delta the star point would move.
+
+There is no hysteresis. A core that nothing else meets when a run starts, behind an open breaker, keeps the flux that it
+is given there, its remanence: its current is then
+
+    i(psi) - r i(psi_0),   r = max(0, 1 - |psi - psi_0| / (0.05 psi_knee)),   r never rising                    (4)
+
+zero until voltage comes, and that of (2) as soon as the flux has moved by a twentieth of the knee's. A breaker that
+opens later leaves no remanence: the flux goes through R_m.
 
 For the network (1) is exact, and (2) is taken along the piece in which the flux would end with the last voltage known.
 Where it passes a knee inside a step, the current of that step alone is off, by the square of the step.
@@ -23,8 +31,11 @@ import math
 
 from shipgrid.model import Terminal, component, kernel, param, signal
 from shipgrid.model.frames import SQRT3_2, abc_to_alpha_beta, alpha_beta_to_abc, rotate, unrotate
-from shipgrid.model.ops import absolute, maximum, sign
+from shipgrid.model.ops import absolute, hypot, maximum, minimum, sign
 from shipgrid.units import Ampere, Henry, Ohm, Radian, Ratio, Volt, Weber
+
+LEFT = 0.05
+"""Flux by which a core leaves its remanence, over that of the knee: more than a step moves it, far from saturation."""
 
 
 class State:
@@ -32,6 +43,9 @@ class State:
 
     psi_alpha: Weber = signal("flux linkage, alpha axis")
     psi_beta: Weber = signal("flux linkage, beta axis")
+    rest_alpha: Weber = signal("remanent flux linkage at the start, alpha axis")
+    rest_beta: Weber = signal("remanent flux linkage at the start, beta axis")
+    rest: Ratio = signal("1 while the flux rests at its remanence, 0 when it has left it")
 
 
 class Input:
@@ -85,33 +99,65 @@ def current(psi_alpha, psi_beta, p):
 
 
 @kernel
+def remanence(x, p):
+    """Current by which a core at its remanence has less, alpha and beta: the second term of (4)."""
+    if x.rest.real == 0.0:
+        return 0.0 * x.psi_alpha, 0.0 * x.psi_beta
+    i_alpha, i_beta, _, _, _ = current(x.rest_alpha, x.rest_beta, p)
+    return x.rest * i_alpha, x.rest * i_beta
+
+
+@kernel
 def derivatives(u: Input, dx: State):
     dx.psi_alpha = u.v_alpha  # (1)
     dx.psi_beta = u.v_beta
+    dx.rest_alpha = 0.0 * u.v_alpha
+    dx.rest_beta = 0.0 * u.v_beta
+    dx.rest = 0.0 * u.v_alpha
 
 
 @kernel
 def outputs(x: State, u: Input, p: SaturableCore, y: Output):
     i_alpha, i_beta, _, _, _ = current(x.psi_alpha, x.psi_beta, p)
-    y.i_alpha_in = i_alpha + u.v_alpha / p.R_m
-    y.i_beta_in = i_beta + u.v_beta / p.R_m
+    less_alpha, less_beta = remanence(x, p)
+    y.i_alpha_in = i_alpha - less_alpha + u.v_alpha / p.R_m
+    y.i_beta_in = i_beta - less_beta + u.v_beta / p.R_m
 
 
 @kernel
 def stamp(gh, x: State, u: Input, p: SaturableCore, n):
     i_alpha, i_beta, y_aa, y_ab, y_bb = current(x.psi_alpha + gh * u.v_alpha, x.psi_beta + gh * u.v_beta, p)
+    less_alpha, less_beta = remanence(x, p)
     n.g_aa = gh * y_aa + 1.0 / p.R_m
     n.g_ab = gh * y_ab
     n.g_ba = gh * y_ab
     n.g_bb = gh * y_bb + 1.0 / p.R_m
-    n.h_a = i_alpha - gh * (y_aa * u.v_alpha + y_ab * u.v_beta)
-    n.h_b = i_beta - gh * (y_ab * u.v_alpha + y_bb * u.v_beta)
+    n.h_a = i_alpha - less_alpha - gh * (y_aa * u.v_alpha + y_ab * u.v_beta)
+    n.h_b = i_beta - less_beta - gh * (y_ab * u.v_alpha + y_bb * u.v_beta)
 
 
 @kernel
 def advance(gh, x: State, u: Input, x_next: State):
     x_next.psi_alpha = x.psi_alpha + gh * u.v_alpha
     x_next.psi_beta = x.psi_beta + gh * u.v_beta
+    x_next.rest_alpha = x.rest_alpha
+    x_next.rest_beta = x.rest_beta
+    x_next.rest = x.rest
+
+
+@kernel
+def limit(x: State, p: SaturableCore):
+    if x.rest.real > 0.0:
+        gone = hypot(x.psi_alpha - x.rest_alpha, x.psi_beta - x.rest_beta)
+        x.rest = minimum(x.rest, maximum(1.0 - gone / (LEFT * p.psi_knee), 0.0 * gone))  # (4)
+
+
+@kernel
+def isolated(x: State):
+    """The flux that a core has which nothing else meets is its remanence."""
+    x.rest_alpha = x.psi_alpha
+    x.rest_beta = x.psi_beta
+    x.rest = 1.0
 
 
 @kernel
@@ -140,6 +186,8 @@ def losses(u: Input, p: SaturableCore):
     outputs=outputs,
     stamp=stamp,
     advance=advance,
+    limit=limit,
+    isolated=isolated,
     stored_energy=stored_energy,
     losses=losses,
     terminals=(Terminal("alpha", v="v_alpha", i="i_alpha_in"), Terminal("beta", v="v_beta", i="i_beta_in")),
