@@ -119,10 +119,13 @@ def verdict(run: Results) -> tuple[str, str]:
         return "open", "no summary: the run was not finished"
     if run.summary.get("failure"):
         return "bad", "the simulation failed"
+    missing = sum(outcome.missing for outcome in run.timeline)
+    parts = [f"{violated} of {len(rows)} requirements violated"] if violated else []
+    parts += [f"{missing} of {len(run.timeline)} entries of the time-line missing"] if missing else []
+    if parts:
+        return "bad", ", ".join(parts)
     if not rows:
         return "open", "no requirements"
-    if violated:
-        return "bad", f"{violated} of {len(rows)} requirements violated"
     met = sum(r.ok for r in rows)
     if met < len(rows):
         return "open", f"{met} of {len(rows)} requirements met, others not evaluated"
