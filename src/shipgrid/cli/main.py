@@ -767,13 +767,15 @@ def _say_results(results: Any) -> None:
     for verdict in results.requirements:
         value = "" if verdict.value is None else f"{verdict.value:.5g} {verdict.unit}"
         if verdict.verdict != "not evaluated":
-            rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict))
+            rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict, verdict.source))
         elif verdict.unit:
             outside += 1
         else:  # nothing of that name was recorded
             unknown.append(verdict.signal)
     if rows:
-        listing.table("requirements", ("name", "signal", "limit", "value", "verdict"), rows)
+        heads = ("name", "signal", "limit", "value", "verdict", "source")
+        shown = len(heads) if any(row[-1] for row in rows) else len(heads) - 1  # where none says its source: no column
+        listing.table("requirements", heads[:shown], [row[:shown] for row in rows])
     if outside:
         typer.echo(f"{outside} not evaluated (outside the run)")
     if unknown:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -102,6 +102,7 @@ def render(run: Results) -> str:
         clock_table=clock_table(run.summary.get("realtime") or {}),
         energy=energy_table(run.summary.get("energy") or {}),
         events_shown=EVENTS_SHOWN,
+        by_source=by_source(run.requirements),
         provenance=provenance(run),
         settings=settings_text(run),
         uplot=static.joinpath("uPlot.iife.min.js").read_text(encoding="utf-8"),
@@ -130,6 +131,21 @@ def verdict(run: Results) -> tuple[str, str]:
     if met < len(rows):
         return "open", f"{met} of {len(rows)} requirements met, others not evaluated"
     return "good", f"all {len(rows)} requirements met"
+
+
+def by_source(verdicts: Sequence[Verdict]) -> list[tuple[str, int, int]]:
+    """Source of requirements, how many are met and how many there are; empty where none has a source.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+    """
+    found: dict[str, list[bool]] = {}
+    for verdict in verdicts:
+        found.setdefault(verdict.source or "without a source", []).append(verdict.ok)
+    if set(found) == {"without a source"}:
+        return []
+    return [(source, sum(met), len(met)) for source, met in found.items()]
 
 
 def limits(verdict: Verdict) -> str:

@@ -528,7 +528,7 @@ class _ScenarioReader:
     def requirements(self, root: Section) -> tuple[Requirement, ...]:
         found: list[Requirement] = []
         places: dict[str, Place] = {}
-        keys = ("name", "signal", "minus", *MEASURES, *RULES, "from", "until", "description")
+        keys = ("name", "signal", "minus", *MEASURES, *RULES, "from", "until", "source", "description")
         for path, section in self.listing(root, "requirements", "{name: .., signal: dc_for.v_dc, max: 785 V}"):
             self.known(section, path, keys)
             name = self.text(section, "name", path, "a name")
@@ -553,9 +553,11 @@ class _ScenarioReader:
         limits = None if unit is None or measure is None else self.limits(section, path, measure, unit)
         rule, allowed = self.rule(section, path, measure)
         start, end = self.window(section, path)
+        what = "where the requirement comes from, in a few words"
+        source = self.text(section, "source", path, what) if "source" in section else ""
         if len(self.problems) > before or signal is None or measure is None or limits is None:
             return None
-        return Requirement(name, signal, measure, *limits, start, end, minus or "", rule, allowed)
+        return Requirement(name, signal, measure, *limits, start, end, minus or "", rule, allowed, source or "")
 
     def signal(
         self, section: Section, key: str, path: str, figures: Mapping[str, str] | None = None

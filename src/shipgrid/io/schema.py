@@ -117,6 +117,11 @@ def scenario_schema() -> dict[str, Any]:
             **dict.fromkeys(RULES, _TIME),
             "from": _TIME,
             "until": _TIME,
+            "source": {
+                "type": "string",
+                "description": "where it comes from",
+                "examples": ["contract, sec. 4", "ours"],
+            },
         },
         "required": ["name", "signal"],
         "oneOf": [{"required": [measure]} for measure in MEASURES],
