@@ -67,6 +67,7 @@ def test_without_arguments_run_sails_the_ferrys_mission(simulated):
     assert (made.asked.fidelity, made.asked.step, made.asked.until, made.asked.out) == ("averaged", None, None, None)
     assert made.asked.report is True
     assert "mission of ferry: 3400 s" in result.stderr
+    assert "commands, 2 entries that wait, 71 requirements" in result.stderr
 
 
 def test_options_reach_the_runner_in_si(simulated):
