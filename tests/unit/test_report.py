@@ -21,7 +21,7 @@ from shipgrid.errors import InputErrors
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
 from shipgrid.io.plot import plot
-from shipgrid.io.report import energy_table, limits, render, si
+from shipgrid.io.report import energy_table, instant, limits, render, si
 from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.results import Event, open_results
 
@@ -266,6 +266,16 @@ def test_energy_is_listed_by_size_and_crumbs_are_put_together():
 )
 def test_quantities_are_written_as_people_write_them(value, unit, text):
     assert si(value, unit) == text
+
+
+def test_an_instant_late_in_a_long_run_is_written_in_whole_seconds():
+    assert [instant(t) for t in (0.0, 130.386, 1360.0, 9999.4, 12345.6)] == [
+        "0 s",
+        "130.4 s",
+        "1360 s",
+        "9999 s",
+        "12346 s",
+    ]
 
 
 def test_a_plot_has_a_panel_for_each_unit(run, tmp_path):

@@ -309,6 +309,12 @@ def test_both_ways_have_the_same_requirements_at_their_cruising_speed(mission):
     assert (there.low, there.high) == (-back.high, -back.low)
 
 
+@pytest.mark.parametrize("name", ["dc-regulation", "ac-regulation", "mission", "round-trips"])
+def test_every_requirement_of_the_papers_experiments_says_whose_it_is(ship, name):
+    sources = {requirement.source for requirement in load_scenario(name, ship).requirements}
+    assert {"paper text", "ours"} <= sources <= {"paper text", "paper axis", "ours"}
+
+
 def with_mode(entry):
     return changed("  - {at: 30 s, set: {bess_for.mode: current}}", f"  - {entry}")
 

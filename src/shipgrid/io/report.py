@@ -77,7 +77,7 @@ def render(run: Results) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(si=si, seconds=seconds, clock=clock, limits=limits)
+    environment.filters.update(si=si, seconds=seconds, instant=instant, clock=clock, limits=limits)
     template = environment.from_string(package.joinpath("templates/report.html.j2").read_text(encoding="utf-8"))
     panels = panels_of(run)
     end = max((p["time"][-1] for p in panels), default=0.0)
@@ -314,6 +314,17 @@ def seconds(value: float | None) -> str:
         return f"{value:.3g} s"
     minutes, rest = divmod(round(value), 60)
     return f"{minutes} min {rest} s"
+
+
+def instant(value: float) -> str:
+    """An instant to four digits, to the second beyond ten thousand: `130.4 s`, `12345 s`.
+
+    Parameters
+    ----------
+    value : float
+        In seconds.
+    """
+    return f"{value:.4g} s" if abs(value) < 9999.5 else f"{value:.0f} s"
 
 
 def clock(value: float | None) -> str:
