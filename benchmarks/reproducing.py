@@ -37,8 +37,8 @@ class Look:
 
     def mean(self, name: str, start: float, end: float) -> float:
         """Mean of a span."""
-        found = self._span(name, "_mean", start, end)
-        return float(found.mean()) if len(found) else np.nan
+        means = self._span(name, "_mean", start, end)
+        return float(means.mean()) if len(means) else np.nan
 
     def low(self, name: str, start: float = 0.0, end: float = np.inf) -> float:
         """Lowest value of a span, of every step in it."""
@@ -60,8 +60,8 @@ class Look:
 
     def event(self, source: str, text: str, after: float = 0.0) -> float:
         """Time of the first event of a source that has a text [s]."""
-        found = (e.time for e in self.run.events if e.source == source and text in e.text and e.time >= after)
-        return next(found, np.nan)
+        times = (e.time for e in self.run.events if e.source == source and text in e.text and e.time >= after)
+        return next(times, np.nan)
 
 
 def dc_regulation(r: Look) -> Rows:

@@ -195,7 +195,7 @@ def test_commands_of_an_entry_are_given_and_logged_with_what_it_waited_for(plan)
 def test_what_became_of_an_entry(plan, entry, complete, verdict, count):
     found = Conditions(plan, [entry], EVERY)
     for n in range(0, 100, EVERY):
-        found.look([n * H, 0.0], n)
+        found.evaluate([n * H, 0.0], n)
     (outcome,) = found.outcomes(complete=complete)
     assert (outcome.verdict, outcome.count) == (verdict, count)
     assert outcome.missing == (verdict in ("never happened", "too few times"))

@@ -140,12 +140,12 @@ def by_source(verdicts: Sequence[Verdict]) -> list[tuple[str, int, int]]:
     ----------
     verdicts : sequence of Verdict
     """
-    found: dict[str, list[bool]] = {}
+    met_by_source: dict[str, list[bool]] = {}
     for verdict in verdicts:
-        found.setdefault(verdict.source or "without a source", []).append(verdict.ok)
-    if set(found) == {"without a source"}:
+        met_by_source.setdefault(verdict.source or "without a source", []).append(verdict.ok)
+    if set(met_by_source) == {"without a source"}:
         return []
-    return [(source, sum(met), len(met)) for source, met in found.items()]
+    return [(source, sum(met), len(met)) for source, met in met_by_source.items()]
 
 
 def limits(verdict: Verdict) -> str:

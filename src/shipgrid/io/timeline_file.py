@@ -104,9 +104,9 @@ class TimelineReader:
         entries: list[ConditionalEntry] = []
         named_times: dict[str, float] = {}
         given: dict[tuple[float, str], Place] = {}
-        found = self.fields.listing(root, "timeline", "{at: 10 s, set: {propulsion_for.speed_ref: 6 kn}}")
-        names = self.entry_names(found)
-        for path, section in found:
+        sections = self.fields.listing(root, "timeline", "{at: 10 s, set: {propulsion_for.speed_ref: 6 kn}}")
+        names = self.entry_names(sections)
+        for path, section in sections:
             self.fields.known(section, path, ENTRY_KEYS)
             name = names[path]
             commands = self.entry_commands(section, path, name)
@@ -130,16 +130,16 @@ class TimelineReader:
                     self.problems.add(node.place, f"{path}.set.{command}", what)
                 given[at, command] = node.place
                 events.append(Event(at, command, value))
-        self.reachable(dict(found), names, entries)
+        self.reachable(dict(sections), names, entries)
         waited_for = {name for entry in entries for name in entry.after}
         named_times = {name: at for name, at in named_times.items() if name in waited_for}
         return tuple(sorted(events, key=lambda event: event.at)), tuple(entries), named_times
 
-    def entry_names(self, found: Iterable[tuple[str, Section]]) -> dict[str, str]:
+    def entry_names(self, sections: Iterable[tuple[str, Section]]) -> dict[str, str]:
         """Name of each entry by its path; the path itself where it has none."""
         names: dict[str, str] = {}
         places: dict[str, Place] = {}
-        for path, section in found:
+        for path, section in sections:
             name = self.fields.text(section, "name", path, "a name") if "name" in section else None
             if name is not None and name in places:
                 what = f"'{name}' is the name of the entry on line {places[name].line} too, expected another"
@@ -201,13 +201,13 @@ class TimelineReader:
         if not isinstance(node, Listing) or not node.items:
             self.problems.add(node.place, f"{path}.when", f"is no condition, expected {example}, or a list of such")
             return ()
-        found = []
+        conditions = []
         for k, item in enumerate(node.items):
             if isinstance(item, Section):
-                found.append(self.condition(item, f"{path}.when.{k}", repeats=repeats))
+                conditions.append(self.condition(item, f"{path}.when.{k}", repeats=repeats))
             else:
                 self.problems.add(item.place, f"{path}.when.{k}", f"is not a mapping, expected {example}")
-        return tuple(found)
+        return tuple(conditions)
 
     def condition(self, section: Section, path: str, *, repeats: bool) -> Condition:
         """One condition; what is wrong in it has been noted."""
@@ -250,7 +250,7 @@ class TimelineReader:
             self.problems.add(
                 node.place, f"{path}.after", "is empty, expected the name of an entry, or a list of names"
             )
-        found = []
+        entries = []
         for item in items:
             if not isinstance(item, Scalar) or item.empty:
                 self.problems.add(item.place, f"{path}.after", "is no name, expected that of an entry of the time-line")
@@ -259,8 +259,8 @@ class TimelineReader:
                 what = f"no entry '{item.text}'{nearest(item.text, named)}, expected the name of one"
                 self.problems.add(item.place, f"{path}.after", what)
             else:
-                found.append(item.text)
-        return tuple(found)
+                entries.append(item.text)
+        return tuple(entries)
 
     def times(self, section: Section, path: str) -> int | None:
         """How often an entry may happen; None for any number."""

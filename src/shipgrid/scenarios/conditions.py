@@ -187,7 +187,7 @@ class _Counted:
 
 
 class Conditions:
-    """Looks at the conditions of a time-line.
+    """Evaluates the conditions of a time-line.
 
     Parameters
     ----------
@@ -224,19 +224,19 @@ class Conditions:
         ]
         self.states = [State(None if e.after else 0, [None] * len(e.conditions)) for e in self.entries]
 
-    def remembered(self) -> list[dict[str, Any]]:
+    def snapshot(self) -> list[dict[str, Any]]:
         """Where every entry stands, as plain values."""
         return [asdict(state) for state in self.states]
 
-    def remember(self, found: Sequence[Mapping[str, Any]]) -> None:
-        """Take back what was `remembered`."""
-        self.states = [State(**{**state, "since": list(state["since"])}) for state in found]
+    def restore(self, states: Sequence[Mapping[str, Any]]) -> None:
+        """Take back a `snapshot`."""
+        self.states = [State(**{**state, "since": list(state["since"])}) for state in states]
 
-    def due(self, n: int) -> float:
+    def next_step(self, n: int) -> float:
         """The next instant (step) after step `n` at which an entry may happen or begin to wait again; or infinity."""
         return min((self._next(k, n) for k in range(len(self.entries))), default=math.inf)
 
-    def look(self, sig: Any, n: int) -> list[ConditionalEntry]:
+    def evaluate(self, sig: Any, n: int) -> list[ConditionalEntry]:
         """Entries that happen at step `n`, which is one of the instants, in the order of the file.
 
         Parameters
@@ -247,14 +247,14 @@ class Conditions:
 
         Notes
         -----
-        Looking twice at one instant gives an entry once: what has happened at it waits for a later one.
+        Evaluated twice at one instant, an entry happens once: what has happened at it waits for a later one.
         """
-        happened = [entry for k, entry in enumerate(self.entries) if self._look(k, sig, n)]
+        happened = [entry for k, entry in enumerate(self.entries) if self._evaluate(k, sig, n)]
         for entry in happened:
-            self.announce(entry.name, n)
+            self.has_happened(entry.name, n)
         return happened
 
-    def announce(self, name: str, n: int) -> None:
+    def has_happened(self, name: str, n: int) -> None:
         """Let the entries that come after a named one wait from step `n` on, at which that one has happened."""
         for k, counted in enumerate(self.counted):
             if name in counted.after and not self._over(k):
@@ -269,7 +269,7 @@ class Conditions:
         complete : bool
             Whether the run has come to the end of the scenario.
         """
-        found = []
+        outcomes = []
         for entry, state in zip(self.entries, self.states, strict=True):
             enough = state.count >= (entry.times or 1)
             verdict = HAPPENED if enough else NEVER if state.count == 0 else TOO_SELDOM
@@ -278,8 +278,8 @@ class Conditions:
             elif not enough and not complete:
                 verdict = NOT_EVALUATED
             first, last = (None if n is None else n * self.h for n in (state.first, state.last))
-            found.append(Outcome(entry.name, entry.text, entry.times, state.count, first, last, verdict))
-        return found
+            outcomes.append(Outcome(entry.name, entry.text, entry.times, state.count, first, last, verdict))
+        return outcomes
 
     def _over(self, k: int) -> bool:
         """Whether an entry has happened as often as it may."""
@@ -296,7 +296,7 @@ class Conditions:
         at = -(-first // self.every) * self.every
         return at if at <= counted.end else math.inf
 
-    def _look(self, k: int, sig: Any, n: int) -> bool:
+    def _evaluate(self, k: int, sig: Any, n: int) -> bool:
         """Whether an entry happens at an instant; it goes on from where it stood."""
         state, counted, entry = self.states[k], self.counted[k], self.entries[k]
         if self._over(k) or not counted.start <= n <= counted.end:

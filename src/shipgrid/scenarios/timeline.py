@@ -24,7 +24,7 @@ Logged = list[tuple[float, str, str]]
 
 
 TIMELINE = "timeline"
-"""Who is said to log an entry that gives no commands."""
+"""Source of the events of entries that give no commands, and of those that never happened."""
 QUIET = 1.0
 """A controller may command a thousand times a second: time [s] between two of its events for one command in the log."""
 
@@ -93,7 +93,7 @@ class Timeline:
     def remembered(self) -> dict[str, Any]:
         """A copy of what it, the interlocks and the operator have to know to go on, in lists and mappings of texts."""
         found: dict[str, Any] = {"quiet": [[*key, *said] for key, said in self.quiet.items()]}
-        found["conditions"] = self.conditions.remembered()
+        found["conditions"] = self.conditions.snapshot()
         if self.interlocks is not None:
             found |= {"held": dict(self.interlocks.held), "said": dict(self.interlocks.said)}
         if self.operator is not None:
@@ -103,7 +103,7 @@ class Timeline:
     def remember(self, found: Mapping[str, Any]) -> None:
         """Know again what another one had `remembered`."""
         self.quiet = {(path, origin): (last, count) for path, origin, last, count in found["quiet"]}
-        self.conditions.remember(found["conditions"])
+        self.conditions.restore(found["conditions"])
         if self.interlocks is not None:
             self.interlocks.held |= found["held"]
             self.interlocks.said |= found["said"]
@@ -114,15 +114,15 @@ class Timeline:
         """Give what is due at this step, and look again at what is held back; true if there was anything."""
         n = self.work.n
         look = n % self.every == 0
-        looked = look and self.conditions.due(n - 1) == n
+        looked = look and self.conditions.next_step(n - 1) == n
         now: dict[str, tuple[float, str]] = {}
         while self.named and self.named[0][0] <= n:
             step, name = self.named.popleft()
-            self.conditions.announce(name, step)
+            self.conditions.has_happened(name, step)
         while self.pending and self.pending[0][0] <= n:
             _, path, value = self.pending.popleft()
             self._add(now, path, value, "")
-        for entry in self.conditions.look(self.work.sig, n) if look else ():
+        for entry in self.conditions.evaluate(self.work.sig, n) if look else ():
             why = f" by {entry.name}: {entry.text}"
             if not entry.commands:
                 self._log(TIMELINE, f"{entry.name}: {entry.text}")
@@ -160,7 +160,7 @@ class Timeline:
         at += [self.outside[0].step] if self.outside else []
         if self._watches():
             at.append((self.work.n // self.every + 1) * self.every)  # whole multiples: the same in every run
-        at.append(self.conditions.due(self.work.n))
+        at.append(self.conditions.next_step(self.work.n))
         return min(at, default=math.inf)
 
     def _add(self, now: dict[str, tuple[float, str]], path: str, value: float, why: str) -> None:
