@@ -14,6 +14,8 @@ import shipgrid as sg
 KNOT = 1852.0 / 3600.0
 AT_10_KN = (600.0, 1385.0)
 WAY_BACK = (2400.0, 3065.0)
+RECHARGE_BACK, CHARGED = (2400.0, 2460.0), (2600.0, 3065.0)
+"""On the way back the recharge ends at 60 %, at about 2475 s."""
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +136,19 @@ def test_the_way_back_mirrors_the_way_out(mission):
     ):
         assert mean(mission, out, *AT_10_KN) == pytest.approx(-mean(mission, back, *WAY_BACK), rel=1e-3)
     for out, back in (("genset_for.p_pu", "genset_aft.p_pu"), ("dc_for.v_dc", "dc_aft.v_dc")):
-        assert mean(mission, out, *AT_10_KN) == pytest.approx(mean(mission, back, *WAY_BACK), rel=2e-3)
+        assert mean(mission, out, *AT_10_KN) == pytest.approx(mean(mission, back, *RECHARGE_BACK), rel=2e-3)
+
+
+def test_the_second_recharge_ends_at_the_makers_sixty_per_cent(mission):
+    ends = {outcome.name: outcome.last_s for outcome in mission.timeline}
+    for side in ("for", "aft"):
+        at = ends["battery fore charged" if side == "for" else "battery aft charged"]
+        soc = mission[f"bess_{side}.soc"]
+        assert float(soc.sel(time=at, method="nearest")) == pytest.approx(0.6, abs=2e-4)  # of a second's charge
+        assert float(mission[f"bess_{side}.soc_max"].sel(time=slice(2000.0, None)).max()) < 0.601
+        assert mean(mission, f"bess_{side}.i_b", *CHARGED) == pytest.approx(0.0, abs=1.5)
+        given = [e.text for e in mission.events if e.source == f"bess_{side}.i_ref" and " by " in e.text]
+        assert len(given) == 1 and given[0].endswith(f"bess_{side}.soc above 60 %, after recharge on the way back")
 
 
 def test_on_and_off_are_sequences_that_say_what_they_do(mission):
@@ -155,11 +169,23 @@ def test_genset_opens_only_when_the_rest_carries_the_load(mission):
     assert float(v.min()) > 715.0
 
 
-def test_the_example_draws_its_figure(mission, tmp_path):
-    example = Path(__file__).parents[2] / "examples" / "plot_mission.py"
-    spec = importlib.util.spec_from_file_location("plot_mission", example)
+def program(path):
+    """A program of this repository as a module."""
+    spec = importlib.util.spec_from_file_location(Path(path).stem, Path(__file__).parents[2] / path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+def test_the_figures_of_the_page_are_measured_again_by_its_program(mission):
+    module = program("benchmarks/reproducing.py")
+    rows = dict(module.mission(module.Look(mission)))
+    assert rows["SOC at Laveno"].startswith("62.") and rows["battery fore charged"].startswith("once, at 24")
+    assert not any("nan" in text or "inf" in text for text in rows.values()), rows
+
+
+def test_the_example_draws_its_figure(mission, tmp_path):
+    module = program("examples/plot_mission.py")
     module.draw(mission, tmp_path / "mission.png")
     assert (tmp_path / "mission.png").stat().st_size > 20_000
 
@@ -185,7 +211,8 @@ NOMINAL = {
     "inverter_for.p_ac": 50e3,
     "hull.u_ship": 5.144,
 }
-SETTLED = ((2.0, 9.0), (250.0, 305.0), AT_10_KN, (1780.0, 1799.0), (2040.0, 2095.0), WAY_BACK, (3385.0, 3400.0))
+BEFORE, IN_PORT, AT_THE_END = ((2.0, 9.0), (250.0, 305.0)), (1780.0, 1799.0), (3385.0, 3400.0)
+SETTLED = (*BEFORE, AT_10_KN, IN_PORT, (2040.0, 2095.0), RECHARGE_BACK, CHARGED, AT_THE_END)
 
 
 @pytest.mark.full
@@ -203,7 +230,10 @@ def test_at_switching_fidelity_it_meets_every_requirement_and_agrees_in_every_se
             assert b == pytest.approx(a, abs=5e-3 * nominal), (name, start)
     ours, theirs = switching.events, mission.events
     assert [(e.source, e.text) for e in ours] == [(e.source, e.text) for e in theirs]
-    assert max(abs(a.time - b.time) for a, b in zip(ours, theirs, strict=True)) < 0.2  # two looks of a sequence's timer
+    gaps = [(abs(a.time - b.time), " by battery " in a.text) for a, b in zip(ours, theirs, strict=True)]
+    assert max(gap for gap, of_charge in gaps if not of_charge) < 0.2  # two looks of a sequence's timer
+    # the charges agree within 0.06 points of 100 (above, 0.5 are allowed), which are 3.6 s of recharge
+    assert max(gap for gap, of_charge in gaps if of_charge) < 5.0
     assert (switching.folder / "report.html").stat().st_size < 3e6
 
 

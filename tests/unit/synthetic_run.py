@@ -5,6 +5,7 @@ import json
 import numpy as np
 
 from shipgrid.scenarios.recorder import ResultsWriter
+from shipgrid.scenarios.results import open_results
 
 RUN_YAML = """\
 schema: 1
@@ -156,3 +157,10 @@ SUMMARY = {
         "stored": {"hull": 1e3, "dc_for": -2e3},
     },
 }
+
+
+def opened(folder, summary):
+    """A finished run with another summary."""
+    write(folder, n=200)
+    (folder / "summary.json").write_text(json.dumps(summary))
+    return open_results(folder)

@@ -21,6 +21,7 @@ from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled
 from shipgrid.model.network import FIDELITIES
 from shipgrid.scenarios import runner
+from shipgrid.scenarios.conditions import Outcome
 
 
 def shipgrid(*words: str):
@@ -30,8 +31,8 @@ def shipgrid(*words: str):
 class Simulated:
     """Stands in for the runner: remembers what it was asked for, and answers as told."""
 
-    def __init__(self, ok=True, interrupted=False, error=None, requirements=(), class_limits=()):
-        self.class_limits = class_limits
+    def __init__(self, ok=True, interrupted=False, error=None, requirements=(), class_limits=(), timeline=()):
+        self.class_limits, self.timeline = class_limits, list(timeline)
         self.requirements = list(requirements)
         self.ok, self.interrupted, self.error = ok, interrupted, error
         self.asked = None
@@ -44,7 +45,7 @@ class Simulated:
         summary = {"simulated_s": 60.0, "wall_s": 1.0, "us_per_step": 3.0, "interrupted": self.interrupted}
         limits = [Verdict(**row) for row in self.class_limits]
         found = SimpleNamespace(ok=self.ok, requirements=self.requirements, class_limits=limits, summary=summary)
-        found.folder = Path("results/x")
+        found.folder, found.timeline = Path("results/x"), self.timeline
         return found
 
 
@@ -66,6 +67,7 @@ def test_without_arguments_run_sails_the_ferrys_mission(simulated):
     assert (made.asked.fidelity, made.asked.step, made.asked.until, made.asked.out) == ("averaged", None, None, None)
     assert made.asked.report is True
     assert "mission of ferry: 3400 s" in result.stderr
+    assert "commands, 2 entries that wait, 71 requirements" in result.stderr
 
 
 def test_options_reach_the_runner_in_si(simulated):
@@ -116,6 +118,22 @@ def test_requirements_that_were_judged_are_a_table_and_the_others_are_counted(si
     assert "later" not in result.stdout
     assert "2 not evaluated (outside the run)" in result.stdout.splitlines()
     assert "1 not evaluated (not recorded: bess_mid.soc)" in result.stdout.splitlines()
+
+
+def test_what_the_time_line_waited_for_in_vain_is_said(simulated):
+    simulated(ok=False, timeline=[Outcome("recharge ends", "bess_for.soc above 60 %", 4, 3, 8.0, 9.0, "too few times")])
+    result = shipgrid("run")
+    assert result.exit_code == 1
+    assert "time-line: recharge ends happened 3 of 4 times: bess_for.soc above 60 %" in result.stdout.splitlines()
+
+
+def test_the_source_of_requirements_has_a_column_where_any_has_one(simulated):
+    row = synthetic_run.SUMMARY["requirements"][0]
+    simulated(requirements=[Verdict(**row)])
+    assert "source" not in shipgrid("run").stdout
+    simulated(requirements=[Verdict(**row), Verdict(**row, source="paper text")])
+    said = shipgrid("run").stdout
+    assert "source" in said and "paper text" in said
 
 
 def test_a_violated_limit_of_class_is_said_and_does_not_fail_the_run(simulated):

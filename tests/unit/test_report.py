@@ -21,7 +21,8 @@ from shipgrid.errors import InputErrors
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
 from shipgrid.io.plot import plot
-from shipgrid.io.report import energy_table, limits, render, si
+from shipgrid.io.report import energy_table, instant, limits, render, si
+from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.results import Event, open_results
 
 MEGABYTES = 1e6
@@ -70,6 +71,28 @@ def test_the_report_says_what_was_asked_and_what_became_of_it(page):
     others = ("12.5 s", "0123abc", "60 µs", "refused: the rest cannot carry the load yet", "88.89", "MinMaxLTTB")
     for said in (*verdicts, *of_class, *others):
         assert said in text, said
+
+
+def test_what_the_time_line_waited_for_is_a_table_and_what_is_missing_is_in_the_badge(tmp_path):
+    waited = [
+        Outcome("recharge ends", "bess_for.soc above 60 %", 4, 3, 1200.04, 8000.0, "too few times"),
+        Outcome("timeline.7", "30 s after recharge ends", 1, 1, 1230.0, 1230.0, "happened"),
+    ]
+    summary = synthetic_run.SUMMARY | {"timeline": [outcome.as_dict() for outcome in waited], "requirements": []}
+    with synthetic_run.opened(tmp_path, summary) as run:
+        text = re.sub(r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]+>", " ", render(run), flags=re.DOTALL))
+        assert not run.ok and "recharge ends" in repr(run)
+    for said in ("1 of 2 entries of the time-line missing", "3 of 4 times 1200.0 s 8000.0 s too few times", "once"):
+        assert said in text, said
+
+
+def test_sources_of_requirements_are_shown_and_counted_where_any_has_one(tmp_path, page):
+    rows = [row | {"source": "ours"} for row in synthetic_run.SUMMARY["requirements"]]
+    summary = synthetic_run.SUMMARY | {"requirements": [*rows, rows[0] | {"source": ""}]}
+    with synthetic_run.opened(tmp_path, summary) as run:
+        text = re.sub(r"\s+", " ", re.sub(r"<script.*?</script>|<[^>]+>", " ", render(run), flags=re.DOTALL))
+    assert "ours: 1 of 2 met; without a source: 1 of 1 met." in text and "Requirement Source Limit" in text
+    assert "Source" not in page.partition("<h2>Limits of class")[0].partition("<h2>Requirements")[2]
 
 
 def test_a_rule_in_time_is_shown_with_the_band_it_is_about():
@@ -126,6 +149,8 @@ def test_a_command_that_a_rule_gave_is_shown_with_its_value():
     text = "set to -64 A by start_genset_on_low_soc: genset_for is connected"
     guarded.events = (Event(1.0, "bess_for.i_ref", text),)
     assert bars_of(guarded, 9.0)[0]["bars"] == [(1.0, 9.0, "-64 A")]  # type: ignore[arg-type]
+    guarded.events = (Event(1.0, "bess_for.i_ref", "set to 40 A by recharge ends: bess_for.soc above 60 %"),)
+    assert bars_of(guarded, 9.0)[0]["bars"] == [(1.0, 9.0, "40 A")]  # type: ignore[arg-type]
 
 
 class Record:
@@ -241,6 +266,16 @@ def test_energy_is_listed_by_size_and_crumbs_are_put_together():
 )
 def test_quantities_are_written_as_people_write_them(value, unit, text):
     assert si(value, unit) == text
+
+
+def test_an_instant_late_in_a_long_run_is_written_in_whole_seconds():
+    assert [instant(t) for t in (0.0, 130.386, 1360.0, 9999.4, 12345.6)] == [
+        "0 s",
+        "130.4 s",
+        "1360 s",
+        "9999 s",
+        "12346 s",
+    ]
 
 
 def test_a_plot_has_a_panel_for_each_unit(run, tmp_path):

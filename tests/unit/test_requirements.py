@@ -94,6 +94,11 @@ def test_a_value_that_is_not_a_number_violates_and_is_still_valid_json():
     json.dumps(verdict.as_dict(), allow_nan=False)
 
 
+def test_the_source_of_a_requirement_is_that_of_its_verdict():
+    assert judge(asked(max=785.0, source="paper axis"), series(750.0 + TIME)).as_dict()["source"] == "paper axis"
+    assert judge(asked(max=785.0), series(750.0 + TIME)).source == ""
+
+
 @pytest.mark.parametrize(
     ("limits", "message"),
     [

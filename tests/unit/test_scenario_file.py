@@ -91,6 +91,11 @@ def test_rules_in_time_and_differences_are_read(ship):
     assert (rest.rule, rest.allowed) == ("settles", 30.0)
 
 
+def test_the_source_of_a_requirement_is_read_where_there_is_one(ship):
+    read = reading(changed("min: 0.4", "min: 0.4, source: paper text"), ship).checked().requirements
+    assert [requirement.source for requirement in read] == ["", "", "paper text", "", ""]
+
+
 def test_the_step_a_scenario_asks_for_is_read(ship):
     assert reading(changed("60 s\n", "60 s\nstep: 60 us\n"), ship).checked().step == 60e-6
 
@@ -158,6 +163,11 @@ SET = "my.yaml:7: timeline.1.set."
         ("until: 0.5 min", "until: 5 min", "my.yaml:10: requirements.1.until: 5 min is after the end"),
         ("name: fast, ", "", "my.yaml:10: requirements.1.name: missing, expected a name"),
         ("name: fast", "name: bus", "my.yaml:10: requirements.1.name: 'bus' is the name of the requirement on line 9"),
+        (
+            "min: 0.4",
+            "min: 0.4, source: ",
+            "my.yaml:11: requirements.2.source: is not one value, expected where the req",
+        ),
         ("min: 0.4", "min: 0.4 V", "my.yaml:11: requirements.2.min: '0.4 V' has the wrong kind of unit"),
     ],
 )
@@ -297,6 +307,12 @@ def test_both_ways_have_the_same_requirements_at_their_cruising_speed(mission):
     assert [(r.low, r.high) for r in steady] == [(0.46, 0.56)] * 2
     there, back = (r for r in mission.requirements if r.signal == "propulsion_for.omega_m" and abs(r.low) > 25.0)
     assert (there.low, there.high) == (-back.high, -back.low)
+
+
+@pytest.mark.parametrize("name", ["dc-regulation", "ac-regulation", "mission", "round-trips"])
+def test_every_requirement_of_the_papers_experiments_says_whose_it_is(ship, name):
+    sources = {requirement.source for requirement in load_scenario(name, ship).requirements}
+    assert {"paper text", "ours"} <= sources <= {"paper text", "paper axis", "ours"}
 
 
 def with_mode(entry):

@@ -83,7 +83,13 @@ def test_resistance_may_be_a_list_of_pairs(validators):
 @pytest.mark.parametrize(
     ("path", "value", "names"),
     [
-        (("timeline", 0, "when"), "10 s", "'when' was unexpected"),
+        (("timeline", 0, "when"), "10 s", "False schema does not allow '10 s'"),
+        (("timeline", 0, "wen"), "10 s", "'wen' was unexpected"),
+        (("timeline", 0), {"when": {"signal": "hull.u_ship"}, "set": {}}, "is not valid under any of"),
+        (("timeline", 0), {"when": {"above": "1 kn"}, "set": {}}, "'signal' is a required property"),
+        (("timeline", 0), {"when": "10 s", "set": {}}, "'10 s' is not of type 'object'"),
+        (("timeline", 0), {"after": "leave"}, "is not valid under any of"),
+        (("timeline", 0), {"after": "leave", "times": 0, "set": {}}, "0 is not valid under any of"),
         (("timeline", 0, "at"), 10, "10 is not of type 'string'"),
         (("start", "state"), "sailing", "'sailing' is not one of"),
         (("requirements", 0, "band"), ["715 V"], "is too short"),
@@ -109,3 +115,15 @@ def test_a_slip_in_a_scenario_file_is_refused(validators, path, value, names):
 def test_check_says_what_it_expects(words, says):
     said = CliRunner().invoke(app, ["check", *words])
     assert said.exit_code == 2 and says in said.stderr
+
+
+def test_an_entry_may_wait_for_a_condition_for_another_entry_or_for_both(validators):
+    soc = {"signal": "bess_for.soc", "above": "60 %", "for": "5 s"}
+    for entry in (
+        {"when": soc, "set": {"bess_for.i_ref": "0 A"}},
+        {"name": "arrived", "when": [soc, {"signal": "hull.u_ship", "below": "1 kn"}], "times": "unlimited"},
+        {"after": "arrived", "delay": "30 s", "mode": "hybrid", "optional": True, "times": 3},
+        {"after": ["arrived", "left"], "when": soc, "from": "10 s", "until": "1 min", "set": {}},
+    ):
+        scenario = put(read(bundled("scenario")["mission"]), ("timeline", 0), entry)
+        assert [error.message for error in validators["scenario"].iter_errors(scenario)] == []

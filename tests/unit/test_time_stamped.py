@@ -373,10 +373,23 @@ def test_harmonics_of_regular_sampling_are_those_of_the_double_fourier_series(m,
     assert found == pytest.approx(expected, abs=2e-6)  # exact edges: what is left is folded from beyond 1 MHz
 
 
+@pytest.mark.parametrize(
+    ("injection", "per_period", "second", "fourth"), [(1.0, 1, 0.16, 0.45), (0.0, 1, 0.27, 0.0), (1.0, 2, 0.0, 0.0)]
+)
+def test_even_harmonics_come_from_one_update_a_carrier_and_the_fourth_from_injection(
+    injection, per_period, second, fourth
+):
+    """Per cent of the fundamental at M = 0.8; twice a period the pulses' halves take both signs of an even harmonic."""
+    h = 1.0 / (60.0 * FINE)
+    one, two, four = (abs(harmonic(regular(per_period, injection), n * 60.0, h)) for n in (1, 2, 4))
+    assert 100.0 * two / one == pytest.approx(second, abs=0.01)
+    assert 100.0 * four / one == pytest.approx(fourth, abs=0.01)
+
+
 @cache
-def regular(per_period):
+def regular(per_period, injection=0.0):
     """Leg a over a cycle under a sine sampled once or twice a carrier period."""
-    bench = Bench(TimeStampedBridge(injection=0.0), h=1.0 / (60.0 * FINE))
+    bench = Bench(TimeStampedBridge(injection=injection), h=1.0 / (60.0 * FINE))
     bench.carrier, bench.sampling = (27, FINE), (27 * per_period, FINE)
     alpha, beta = vector(0.4, 200, 1.0 / (F_CARRIER * per_period))
     return bench.run(2 * FINE, alpha, beta)[0][FINE:, 0]

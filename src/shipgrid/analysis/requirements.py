@@ -108,6 +108,8 @@ class Requirement:
         One of `RULES`, or nothing.
     allowed : float
         Time that the rule allows [s].
+    source : str
+        Where the requirement comes from, in a few words; nothing where nobody says so.
     """
 
     name: str
@@ -120,6 +122,7 @@ class Requirement:
     minus: str = ""
     rule: str = ""
     allowed: float = 0.0
+    source: str = ""
 
     @classmethod
     def from_mapping(cls, entry: Mapping[str, Any]) -> Requirement:
@@ -129,7 +132,7 @@ class Requirement:
         ----------
         entry : mapping
             `name`, `signal`, one of `MEASURES` (those of `PAIRS`: a pair), and perhaps `minus`, one of `RULES` [s],
-            `from` and `until` [s].
+            `from` and `until` [s], `source`.
 
         Raises
         ------
@@ -158,10 +161,9 @@ class Requirement:
             raise ParameterError(f"{label} has {measure} with {rules}, expected one rule, with one of {list(SOFTENED)}")
         rule = rules[0] if rules else ""
         limits_and_window = float(low), float(high), float(start), float(end)
-        minus = entry.get("minus", "")
-        return cls(
-            entry["name"], entry["signal"], measure, *limits_and_window, minus, rule, float(entry.get(rule, 0.0))
-        )
+        minus, source = entry.get("minus", ""), entry.get("source", "")
+        allowed = float(entry.get(rule, 0.0))
+        return cls(entry["name"], entry["signal"], measure, *limits_and_window, minus, rule, allowed, source)
 
     @property
     def limits(self) -> list[float | None]:
@@ -201,6 +203,8 @@ class Verdict:
         With a rule in time: the limits of the signal itself.
     inside_unit : str
         Their unit.
+    source : str
+        Where the requirement comes from; nothing where nobody says so.
     """
 
     name: str
@@ -217,6 +221,7 @@ class Verdict:
     rule: str = ""
     inside: list[float | None] | None = None
     inside_unit: str = ""
+    source: str = ""
 
     @property
     def ok(self) -> bool:
@@ -256,7 +261,8 @@ def judge(requirement: Requirement, series: Series | None, counts: np.ndarray | 
 
     def verdict(word: str, value: float | None = None, margin: float | None = None, *when: float | None) -> Verdict:
         at, first = when or (None, None)
-        return Verdict(r.name, r.subject, r.measure, unit, limits, window, value, margin, at, first, word, **in_time)
+        judged = value, margin, at, first, word
+        return Verdict(r.name, r.subject, r.measure, unit, limits, window, *judged, source=r.source, **in_time)
 
     if series is None:
         return verdict("not evaluated")

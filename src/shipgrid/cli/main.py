@@ -1,7 +1,8 @@
 """The command `shipgrid`: what a person types, what is said back, and the exit status.
 
 Everything heavy is imported inside the command that needs it, so that `--help` and `check` answer at once.
-Exit status: 0 done; 1 a requirement is violated; 2 bad input; 3 the simulation failed; 130 interrupted.
+Exit status: 0 done; 1 a requirement is violated, or what the time-line waited for never happened; 2 bad input; 3 the
+simulation failed; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -663,7 +664,7 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
     end, step = options["until"] or scenario.duration, case.step
     console.print(
         f"[bold]{scenario.name}[/] of {case.ship.name}: {end:g} s in {round(end / step):,} steps of {step * 1e6:g} us, "
-        f"{options['fidelity']}; {len(scenario.events)} commands, {len(scenario.requirements)} requirements",
+        f"{options['fidelity']}; {_contents(scenario)}",
         soft_wrap=True,
     )
     if "parts" in options:
@@ -711,6 +712,12 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
             live=live,
             **options,
         )
+
+
+def _contents(scenario: Any) -> str:
+    """What a scenario has, in words."""
+    waiting = f"{len(scenario.entries)} entries that wait, " if scenario.entries else ""
+    return f"{len(scenario.events)} commands, {waiting}{len(scenario.requirements)} requirements"
 
 
 def _say_cut(case: Case, threads: int) -> None:
@@ -761,17 +768,22 @@ def _say_results(results: Any) -> None:
     for verdict in results.requirements:
         value = "" if verdict.value is None else f"{verdict.value:.5g} {verdict.unit}"
         if verdict.verdict != "not evaluated":
-            rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict))
+            rows.append((verdict.name, verdict.signal, _limits(verdict), value, verdict.verdict, verdict.source))
         elif verdict.unit:
             outside += 1
         else:  # nothing of that name was recorded
             unknown.append(verdict.signal)
     if rows:
-        listing.table("requirements", ("name", "signal", "limit", "value", "verdict"), rows)
+        heads = ("name", "signal", "limit", "value", "verdict", "source")
+        shown = len(heads) if any(row[-1] for row in rows) else len(heads) - 1  # where none says its source: no column
+        listing.table("requirements", heads[:shown], [row[:shown] for row in rows])
     if outside:
         typer.echo(f"{outside} not evaluated (outside the run)")
     if unknown:
         typer.echo(f"{len(unknown)} not evaluated (not recorded: {', '.join(dict.fromkeys(unknown))})")
+    for outcome in results.timeline:
+        if outcome.missing:
+            typer.echo(f"time-line: {outcome.text}")
     for verdict in results.class_limits:
         if verdict.verdict == "violated":
             value = f"{verdict.value:.5g} {verdict.unit}"

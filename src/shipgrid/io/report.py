@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ def render(run: Results) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(si=si, seconds=seconds, clock=clock, limits=limits)
+    environment.filters.update(si=si, seconds=seconds, instant=instant, clock=clock, limits=limits)
     template = environment.from_string(package.joinpath("templates/report.html.j2").read_text(encoding="utf-8"))
     panels = panels_of(run)
     end = max((p["time"][-1] for p in panels), default=0.0)
@@ -102,6 +102,7 @@ def render(run: Results) -> str:
         clock_table=clock_table(run.summary.get("realtime") or {}),
         energy=energy_table(run.summary.get("energy") or {}),
         events_shown=EVENTS_SHOWN,
+        by_source=by_source(run.requirements),
         provenance=provenance(run),
         settings=settings_text(run),
         uplot=static.joinpath("uPlot.iife.min.js").read_text(encoding="utf-8"),
@@ -119,14 +120,32 @@ def verdict(run: Results) -> tuple[str, str]:
         return "open", "no summary: the run was not finished"
     if run.summary.get("failure"):
         return "bad", "the simulation failed"
+    missing = sum(outcome.missing for outcome in run.timeline)
+    parts = [f"{violated} of {len(rows)} requirements violated"] if violated else []
+    parts += [f"{missing} of {len(run.timeline)} entries of the time-line missing"] if missing else []
+    if parts:
+        return "bad", ", ".join(parts)
     if not rows:
         return "open", "no requirements"
-    if violated:
-        return "bad", f"{violated} of {len(rows)} requirements violated"
     met = sum(r.ok for r in rows)
     if met < len(rows):
         return "open", f"{met} of {len(rows)} requirements met, others not evaluated"
     return "good", f"all {len(rows)} requirements met"
+
+
+def by_source(verdicts: Sequence[Verdict]) -> list[tuple[str, int, int]]:
+    """Source of requirements, how many are met and how many there are; empty where none has a source.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+    """
+    met_by_source: dict[str, list[bool]] = {}
+    for verdict in verdicts:
+        met_by_source.setdefault(verdict.source or "without a source", []).append(verdict.ok)
+    if set(met_by_source) == {"without a source"}:
+        return []
+    return [(source, sum(met), len(met)) for source, met in met_by_source.items()]
 
 
 def limits(verdict: Verdict) -> str:
@@ -295,6 +314,17 @@ def seconds(value: float | None) -> str:
         return f"{value:.3g} s"
     minutes, rest = divmod(round(value), 60)
     return f"{minutes} min {rest} s"
+
+
+def instant(value: float) -> str:
+    """An instant to four digits, to the second beyond ten thousand: `130.4 s`, `12345 s`.
+
+    Parameters
+    ----------
+    value : float
+        In seconds.
+    """
+    return f"{value:.4g} s" if abs(value) < 9999.5 else f"{value:.0f} s"
 
 
 def clock(value: float | None) -> str:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from shipgrid.analysis.requirements import FIGURES, MEASURES, PAIRS, RULES, SOFTENED, Requirement
 from shipgrid.automation.modes import MODES
@@ -18,9 +18,11 @@ from shipgrid.equipment.declaration import Command
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
 from shipgrid.io.ship_file import Catalogue, Ship, check_head, fields_of_kind, load_ship, open_document, read_ship
+from shipgrid.io.timeline_file import Event, TimelineReader
 from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, nearest, replaced
 from shipgrid.model.component import Bounds, unit_of
 from shipgrid.names import refusal
+from shipgrid.scenarios.conditions import ConditionalEntry
 
 STATES = ("moored", "cold")
 """States a scenario may start from: alongside with what is then on, found from the equations; or all off."""
@@ -30,14 +32,6 @@ SHORTEST_STEP, LONGEST_STEP = 1e-6, 1e-3
 
 SHIP_KEYS = ("ship", "buses", "equipment", "hull")
 """First steps of the paths that lead into a ship file; all others lead into a scenario."""
-
-
-class Event(NamedTuple):
-    """A command given at a time: `path` becomes `value` (SI) at `at` [s]."""
-
-    at: float
-    path: str
-    value: float
 
 
 @dataclass(frozen=True)
@@ -61,7 +55,11 @@ class Scenario:
     start_soc : mapping of str to float
         State of charge of batteries at the start, by name, where it is not the ship's.
     events : tuple of Event
-        The time-line, in the order of time; commands of one instant in the order of the file.
+        The commands of the time-line that have a time, in its order; those of one instant in the order of the file.
+    entries : tuple of ConditionalEntry
+        The entries of the time-line that wait for a condition or for another entry, in the order of the file.
+    named_times : mapping of str to float
+        Times [s] of the entries that have a time and a name, by name.
     requirements : tuple of Requirement
         What the run must meet.
     rules : tuple of object
@@ -79,6 +77,8 @@ class Scenario:
     start_set: Mapping[str, float]
     start_soc: Mapping[str, float]
     events: tuple[Event, ...]
+    entries: tuple[ConditionalEntry, ...]
+    named_times: Mapping[str, float]
     requirements: tuple[Requirement, ...]
     rules: tuple[Any, ...]
     document: Document
@@ -252,7 +252,7 @@ class _ScenarioReader:
         step = self.step(root)
         state, closed, chosen, soc = self.start(root)
         rules = self.rules(root)
-        events = self.timeline(root)
+        events, entries, named_times = TimelineReader(self).read(root)
         requirements = self.requirements(root)
         if self.problems or self.blind:
             return ScenarioReading(None, self.problems)
@@ -269,6 +269,8 @@ class _ScenarioReader:
             chosen,
             soc,
             events,
+            entries,
+            named_times,
             requirements,
             rules,
             self.document,
@@ -460,28 +462,6 @@ class _ScenarioReader:
 
     # Time-line
 
-    def timeline(self, root: Section) -> tuple[Event, ...]:
-        events: list[Event] = []
-        given: dict[tuple[float, str], Place] = {}
-        for path, section in self.listing(root, "timeline", "{at: 10 s, set: {propulsion_for.speed_ref: 6 kn}}"):
-            self.known(section, path, ("at", "mode", "set", "description"))
-            at = self.time(section, "at", path, required=True)
-            if "set" not in section and "mode" not in section:
-                self.problems.add(section.place, f"{path}.set", "missing, expected {command: value, ...}")
-            chosen = self.commands(section.get("set"), f"{path}.set")
-            own = {command for command, *_ in chosen}
-            commands = [given for given in self.mode(section, path) if given[0] not in own] + chosen
-            if at is None:
-                continue
-            for command, value, node in commands:
-                if (at, command) in given:
-                    first = given[at, command].line
-                    what = f"is given at {show_quantity(at, 's')} on line {first} too; expected once"
-                    self.problems.add(node.place, f"{path}.set.{command}", what)
-                given[at, command] = node.place
-                events.append(Event(at, command, value))
-        return tuple(sorted(events, key=lambda event: event.at))
-
     def commands(self, node: Node | None, path: str) -> list[tuple[str, float, Scalar]]:
         """Commands of a `set` with their values."""
         if node is None:
@@ -551,7 +531,7 @@ class _ScenarioReader:
     def requirements(self, root: Section) -> tuple[Requirement, ...]:
         found: list[Requirement] = []
         places: dict[str, Place] = {}
-        keys = ("name", "signal", "minus", *MEASURES, *RULES, "from", "until", "description")
+        keys = ("name", "signal", "minus", *MEASURES, *RULES, "from", "until", "source", "description")
         for path, section in self.listing(root, "requirements", "{name: .., signal: dc_for.v_dc, max: 785 V}"):
             self.known(section, path, keys)
             name = self.text(section, "name", path, "a name")
@@ -576,9 +556,11 @@ class _ScenarioReader:
         limits = None if unit is None or measure is None else self.limits(section, path, measure, unit)
         rule, allowed = self.rule(section, path, measure)
         start, end = self.window(section, path)
+        what = "where the requirement comes from, in a few words"
+        source = self.text(section, "source", path, what) if "source" in section else ""
         if len(self.problems) > before or signal is None or measure is None or limits is None:
             return None
-        return Requirement(name, signal, measure, *limits, start, end, minus or "", rule, allowed)
+        return Requirement(name, signal, measure, *limits, start, end, minus or "", rule, allowed, source or "")
 
     def signal(
         self, section: Section, key: str, path: str, figures: Mapping[str, str] | None = None

@@ -16,6 +16,7 @@ from shipgrid.equipment.declaration import EQUIPMENT
 from shipgrid.io.quantities import EXAMPLES
 from shipgrid.io.scenario_file import STATES
 from shipgrid.io.ship_file import BUSBARS, default_of, fields_of_kind, is_required
+from shipgrid.io.timeline_file import UNLIMITED, WITHOUT_A_TIME
 from shipgrid.model.component import load_all, unit_of
 from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME
 
@@ -52,19 +53,59 @@ def ship_schema() -> dict[str, Any]:
 def scenario_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file; commands and signals are those of the ship, and not listed in it."""
     commands = {"type": "object", "additionalProperties": _VALUE}
+    limit = {"type": ["string", "number"], "description": "in the unit of the signal"}
+    condition = {
+        "type": "object",
+        "properties": {
+            "signal": {"type": "string", "examples": ["bess_for.soc"]},
+            "above": limit,
+            "below": limit,
+            "for": _TIME | {"description": "a time for which it has to hold"},
+            "hysteresis": limit | {"description": "how far the signal has to be back before it may happen again"},
+        },
+        "required": ["signal"],
+        "anyOf": [{"required": ["above"]}, {"required": ["below"]}],
+        "additionalProperties": False,
+    }
+    name = {"type": "string", "description": "what other entries wait for (after), and the log names"}
+    whole = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": UNLIMITED}]}
+    without_a_time = dict.fromkeys(WITHOUT_A_TIME, False)
     event = {
         "type": "object",
         "properties": {
+            "name": name,
             "at": _TIME,
+            "when": {
+                "description": "a condition, or a list of conditions that all have to hold",
+                "if": {"type": "array"},
+                "then": {"items": condition, "minItems": 1},
+                "else": condition,
+            },
+            "after": {
+                "description": "name of an entry, or a list of names one of which has to have happened",
+                "type": ["string", "array"],
+                "items": {"type": "string"},
+                "minItems": 1,
+            },
+            "delay": _TIME | {"description": "a time from then on"},
+            "from": _TIME,
+            "until": _TIME,
+            "times": whole | {"description": "how often it may happen; once if left out"},
+            "optional": {"type": "boolean", "description": "whether nobody minds if it never happens"},
             "mode": {"enum": list(MODES), "description": "operating mode: a set of commands; `set` goes before it"},
             "set": commands,
             "description": {"type": "string"},
         },
-        "required": ["at"],
-        "anyOf": [{"required": ["set"]}, {"required": ["mode"]}],
+        "if": {"required": ["at"]},
+        "then": {"properties": without_a_time, "anyOf": [{"required": ["set"]}, {"required": ["mode"]}]},
+        "else": {
+            "allOf": [
+                {"anyOf": [{"required": ["when"]}, {"required": ["after"]}]},
+                {"anyOf": [{"required": ["set"]}, {"required": ["mode"]}, {"required": ["name"]}]},
+            ],
+        },
         "additionalProperties": False,
     }
-    limit = {"type": ["string", "number"], "description": "in the unit of the signal"}
     pair = {"type": "array", "items": limit, "minItems": 2, "maxItems": 2}
     requirement = {
         "type": "object",
@@ -77,6 +118,11 @@ def scenario_schema() -> dict[str, Any]:
             **dict.fromkeys(RULES, _TIME),
             "from": _TIME,
             "until": _TIME,
+            "source": {
+                "type": "string",
+                "description": "where it comes from",
+                "examples": ["contract, sec. 4", "ours"],
+            },
         },
         "required": ["name", "signal"],
         "oneOf": [{"required": [measure]} for measure in MEASURES],

@@ -94,8 +94,9 @@ def against_reference(
     plan = build(ship, h, fidelity, scenario.rules)
     work, _ = start(plan, ship, scenario)
     run = Run(plan, work)
-    operator = operator_of(scenario.rules, ship, plan)
-    due = Timeline(plan, work, run.events, scenario.events, interlocks=Interlocks(ship, plan), operator=operator)
+    who = {"interlocks": Interlocks(ship, plan), "operator": operator_of(scenario.rules, ship, plan)}
+    who |= {"entries": scenario.entries, "named_times": scenario.named_times}
+    due = Timeline(plan, work, run.events, scenario.events, **who)
     go(run, due, span.first * h)
     if run.failure:
         raise SolverError(run.failure)

@@ -102,6 +102,7 @@ class _Side:
         self.run = Run(plan, work)
         operator = operator_of(scenario.rules, ship, plan)
         who = {"interlocks": Interlocks(ship, plan), "operator": operator}
+        who |= {"entries": scenario.entries, "named_times": scenario.named_times}
         self.due = Timeline(plan, work, self.run.events, scenario.events, **who)
         self.kept: list[tuple[np.ndarray, np.ndarray]] = []
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.output_folder import REPORT, RESULTS, SNAPSHOT, SUMMARY, UNFINISHED, place_of
 
 if TYPE_CHECKING:
@@ -136,9 +137,12 @@ class Results:
     def __repr__(self) -> str:
         words = [f"{len(self.signals)} signals", f"{len(self.events)} events"]
         if self.requirements:
-            words.append("no requirement violated" if self.ok else "a requirement is violated")
+            violated = any(verdict.verdict == "violated" for verdict in self.requirements)
+            words.append("a requirement is violated" if violated else "no requirement violated")
             unseen = sum(verdict.verdict == "not evaluated" for verdict in self.requirements)
             words += [f"{unseen} of {len(self.requirements)} not evaluated"] if unseen else []
+        missing = [outcome.name for outcome in self.timeline if outcome.missing]
+        words += [f"never or too seldom: {', '.join(missing)}"] if missing else []
         if not self.summary:
             words.append("not finished")
         elif self.summary.get("interrupted"):
@@ -267,10 +271,20 @@ class Results:
         rows = self.summary.get(key, [])
         return [Verdict(**{field: row.get(field, known[field].default) for field in known}) for row in rows]
 
+    @cached_property
+    def timeline(self) -> list[Outcome]:
+        """What became of the entries of the time-line that waited for a condition."""
+        return [Outcome(**row) for row in self.summary.get("timeline", [])]
+
     @property
     def ok(self) -> bool:
-        """Whether no requirement was violated; one whose window the run did not reach is not."""
-        return all(verdict.verdict != "violated" for verdict in self.requirements)
+        """Whether no requirement was violated, and what the time-line waited for happened.
+
+        A requirement whose window the run did not reach is not violated; nor is anything missing before the scenario's
+        end.
+        """
+        violated = any(verdict.verdict == "violated" for verdict in self.requirements)
+        return not violated and not any(outcome.missing for outcome in self.timeline)
 
     @cached_property
     def attributes(self) -> dict[str, Any]:

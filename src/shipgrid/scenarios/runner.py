@@ -61,7 +61,7 @@ from shipgrid.scenarios.recorder import Column
 from shipgrid.scenarios.results import Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
 from shipgrid.scenarios.solver_events import SolverEvents
-from shipgrid.scenarios.timeline import Timeline
+from shipgrid.scenarios.timeline import TIMELINE, Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window, merged, window_columns
 
 DEFAULT_STEP, SHORTEST_STEP, LONGEST_STEP = 30e-6, 1e-6, 1e-3
@@ -383,7 +383,10 @@ def simulate(
         raise
     commanders = {"interlocks": Interlocks(ship, plan), "operator": operator_of(scenario.rules, ship, plan)}
     said = partial(command_text, ship)
-    due = Timeline(plan, work, run.events, scenario.events, said, **commanders, outside=given, continued=resume)
+    waiting = {"entries": scenario.entries, "named_times": scenario.named_times}
+    due = Timeline(
+        plan, work, run.events, scenario.events, said, **commanders, **waiting, outside=given, continued=resume
+    )
     if resume:
         due.remember(saved)
     saved["startup_s"] += time.perf_counter() - began
@@ -394,7 +397,7 @@ def simulate(
             if not run.continued:
                 _first_rows(run, log)
             (live or go)(run, due, end, log, progress, windows, keeper)
-        _conclude(run, ship, scenario, fidelity, folder, about, kept)
+        _conclude(run, due, ship, scenario, fidelity, folder, about, kept)
     except BaseException as error:
         folder.release()
         if isinstance(error, (OSError, RuntimeError)):  # the disk is full, say
@@ -519,6 +522,7 @@ def _recorded(plan: Plan, windows: Sequence[Window]) -> tuple[dict[str, Sequence
 
 def _conclude(
     run: Run,
+    due: Timeline,
     ship: Any,
     scenario: Any,
     fidelity: str,
@@ -529,6 +533,9 @@ def _conclude(
     """Write results and summary of a run into its folder."""
     plan, work, folder = run.plan, run.work, place.path
     limiters = limiter_rows(run)
+    complete = not run.interrupted and not run.failure and work.n >= round(scenario.duration / plan.h)
+    outcomes = due.outcomes(complete=complete)
+    run.events += [(run.t, TIMELINE, outcome.text) for outcome in outcomes if outcome.missing]
     make_results(folder, place.unfinished, run.events, limiters)
     files = [path for path in (folder / COMMANDS, place.unfinished / COMMANDS) if path.is_file()]
     given = merged_commands(*(read_outside(path, ship.commands) for path in files))
@@ -552,6 +559,7 @@ def _conclude(
         "continued_at_s": kept["continued_at_s"],
         "failure": run.failure,
         "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
+        "timeline": [outcome.as_dict() for outcome in outcomes],
         **about,
     }
     if run.realtime:

@@ -35,7 +35,8 @@ EMPTIED = ("plant_rows", "slow_rows", "wave_rows", "event_step", "event_which", 
 """Arrays of a workspace that the runner empties before it looks at the clock: what they hold is not read again."""
 COMPUTING = ("*.py", *(f"{folder}/**/*.py" for folder in (
     "model", "components", "controllers", "modulators", "equipment", "automation", "solvers", "assembly", "scenarios",
-)), "data/*.csv", "io/ship_file.py", "io/scenario_file.py", "io/quantities.py", "io/yaml_lines.py")  # fmt: skip
+)), "data/*.csv", "io/ship_file.py", "io/scenario_file.py", "io/timeline_file.py", "io/quantities.py",
+    "io/yaml_lines.py")  # fmt: skip
 """Files of the package that what is computed depends on."""
 MOST_LINES = 12
 """Differences that are said one by one."""

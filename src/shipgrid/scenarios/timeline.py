@@ -1,5 +1,7 @@
 """The commands of a run, each given at its step: the scenario's, which the interlocks judge, and those from outside.
 
+A scenario's commands come at a time, or when a condition of the plant holds (`scenarios/conditions.py`).
+
 Commands from outside are those that a live run was given while it ran (judged where they came in); a run that repeats
 it gives them at the same steps.
 """
@@ -14,12 +16,15 @@ from typing import Any
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.automation.power_management import LowSocOperator
+from shipgrid.scenarios.conditions import ConditionalEntry, Conditions, Outcome
 from shipgrid.scenarios.outside import Outside
 
 Logged = list[tuple[float, str, str]]
 """An event log: time [s], who, what."""
 
 
+TIMELINE = "timeline"
+"""Source of the events of entries that give no commands, and of those that never happened."""
 QUIET = 1.0
 """A controller may command a thousand times a second: time [s] between two of its events for one command in the log."""
 
@@ -45,6 +50,10 @@ class Timeline:
     operator : LowSocOperator, optional
         Who gives commands by a rule of power management, through the interlocks.
     outside : iterable of Outside
+    entries : iterable of ConditionalEntry
+        What gives commands when a condition holds.
+    named_times : mapping of str to float
+        Times [s] of entries that have a time and a name, which others may wait for.
     continued : bool
         Whether the run has been going on before: what was due earlier has been given, what is due at this step has not.
     """
@@ -61,6 +70,8 @@ class Timeline:
         operator: LowSocOperator | None = None,
         outside: Iterable[Outside] = (),
         *,
+        entries: Iterable[ConditionalEntry] = (),
+        named_times: Mapping[str, float] | None = None,
         continued: bool = False,
     ):
         self.h, self.work, self.events, self.said, self.interlocks = plan.h, work, events, said, interlocks
@@ -71,10 +82,18 @@ class Timeline:
         self.pending = deque(command for command in due if not continued or command[0] >= work.n)
         self.outside = deque(command for command in outside if not continued or command.step >= work.n)
         self.quiet: dict[tuple[str, str], tuple[float, int]] = {}
+        self.conditions = Conditions(plan, entries, self.every)
+        named = sorted(((round(t / plan.h), name) for name, t in (named_times or {}).items()), key=lambda e: e[0])
+        self.named = deque(entry for entry in named if not continued or entry[0] >= work.n)
+
+    def outcomes(self, *, complete: bool) -> list[Outcome]:
+        """What became of the entries that waited for a condition; `complete`: the scenario has been run to its end."""
+        return self.conditions.outcomes(complete=complete)
 
     def remembered(self) -> dict[str, Any]:
         """A copy of what it, the interlocks and the operator have to know to go on, in lists and mappings of texts."""
         found: dict[str, Any] = {"quiet": [[*key, *said] for key, said in self.quiet.items()]}
+        found["conditions"] = self.conditions.snapshot()
         if self.interlocks is not None:
             found |= {"held": dict(self.interlocks.held), "said": dict(self.interlocks.said)}
         if self.operator is not None:
@@ -84,6 +103,7 @@ class Timeline:
     def remember(self, found: Mapping[str, Any]) -> None:
         """Know again what another one had `remembered`."""
         self.quiet = {(path, origin): (last, count) for path, origin, last, count in found["quiet"]}
+        self.conditions.restore(found["conditions"])
         if self.interlocks is not None:
             self.interlocks.held |= found["held"]
             self.interlocks.said |= found["said"]
@@ -92,17 +112,26 @@ class Timeline:
 
     def give(self) -> bool:
         """Give what is due at this step, and look again at what is held back; true if there was anything."""
-        now: dict[str, float] = {}
-        while self.pending and self.pending[0][0] <= self.work.n:
+        n = self.work.n
+        look = n % self.every == 0
+        looked = look and self.conditions.next_step(n - 1) == n
+        now: dict[str, tuple[float, str]] = {}
+        while self.named and self.named[0][0] <= n:
+            step, name = self.named.popleft()
+            self.conditions.has_happened(name, step)
+        while self.pending and self.pending[0][0] <= n:
             _, path, value = self.pending.popleft()
-            if path in now:  # the later of two commands of one step counts, and both are in the log
-                self._log(path, self.said(path, now[path]))
-            now[path] = value
-        self._give(now, look=self.work.n % self.every == 0)
-        if self.work.n % self.every == 0:
+            self._add(now, path, value, "")
+        for entry in self.conditions.evaluate(self.work.sig, n) if look else ():
+            why = f" by {entry.name}: {entry.text}"
+            if not entry.commands:
+                self._log(TIMELINE, f"{entry.name}: {entry.text}")
+            for path, value in entry.commands:
+                self._add(now, path, value, why)
+        self._give(now, look=look)
+        if look:
             self._operate()
-        looked = self.work.n % self.every == 0 and self._watches()
-        given = bool(now) or looked
+        given = bool(now) or looked or (look and self._watches())
         while self.outside and self.outside[0].step <= self.work.n:
             command = self.outside.popleft()
             self.work.sig[self.places[command.path]] = command.value
@@ -126,27 +155,37 @@ class Timeline:
 
     def until(self) -> float:
         """The next step at which `give` has something to do."""
-        at = [self.pending[0][0]] if self.pending else []
+        at: list[float] = [self.pending[0][0]] if self.pending else []
+        at += [self.named[0][0]] if self.named else []
         at += [self.outside[0].step] if self.outside else []
         if self._watches():
             at.append((self.work.n // self.every + 1) * self.every)  # whole multiples: the same in every run
+        at.append(self.conditions.next_step(self.work.n))
         return min(at, default=math.inf)
 
-    def _give(self, commands: Mapping[str, float], *, look: bool) -> None:
+    def _add(self, now: dict[str, tuple[float, str]], path: str, value: float, why: str) -> None:
+        """Put a command to those of one step: the later of two for one path counts, and both are in the log."""
+        if path in now:
+            self._log(path, self.said(path, now[path][0]) + now[path][1])
+        now[path] = value, why
+
+    def _give(self, commands: Mapping[str, tuple[float, str]], *, look: bool) -> None:
         """Without commands only at instants to `look`: at others this run happens to stop for a moment."""
         sig, interlocks = self.work.sig, self.interlocks
         if interlocks is None:
-            for path, value in commands.items():
+            for path, (value, why) in commands.items():
                 sig[self.places[path]] = value
-                self._log(path, self.said(path, value))
+                self._log(path, self.said(path, value) + why)
             return
+        values = {path: value for path, (value, _) in commands.items()}
         for again, verdicts in (
-            (False, interlocks.give(sig, commands) if commands else []),
-            (True, interlocks.again(sig) if interlocks.held and (look or commands) else []),
+            (False, interlocks.give(sig, values) if values else []),
+            (True, interlocks.again(sig) if interlocks.held and (look or values) else []),
         ):
             for path, value, reason in verdicts:
-                text = self.said(path, value) + (", as it had been asked to" if again else "")
-                self._log(path, f"refused: {reason} ({self.said(path, value)})" if reason else text)
+                said = self.said(path, value) + (commands[path][1] if path in commands else "")
+                text = said + (", as it had been asked to" if again else "")
+                self._log(path, f"refused: {reason} ({said})" if reason else text)
 
     def _watches(self) -> bool:
         return self.operator is not None or (self.interlocks is not None and bool(self.interlocks.held))
