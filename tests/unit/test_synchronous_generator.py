@@ -26,7 +26,7 @@ class Norton:
 
 @pytest.fixture(scope="module")
 def p():
-    return parameter_record(SynchronousGenerator())[0]
+    return parameter_record(SynchronousGenerator(T_d01=3.5))[0]  # that of the hand-made conversion
 
 
 def values(record, names):

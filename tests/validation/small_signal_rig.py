@@ -188,7 +188,7 @@ class LinearTorque:
 
 def machine_on_stiff_bus(item=None):
     """A generator on an ideal source, torque and field voltage open inputs."""
-    item = item or SynchronousGenerator()
+    item = item or SynchronousGenerator(T_d01=3.5, brushless=0.0)
     net = Network("machine on a stiff bus")
     bus = net.ac_bus("bus", 480.0, 60.0)
     net.add("grid", ThreePhaseSource(v_n=480.0, **STIFF), a=bus)

@@ -64,7 +64,7 @@ def test_speed_loop_of_the_unloaded_genset_is_that_of_governor_dead_time_and_rot
     ("T_d01", "expected"), [(3.5, [-4.49 + 16.1j, -1.07, -15.2, -47.4]), (2.0, [-0.77 + 17.9j]), (1.0, [3.2 + 21.2j])]
 )
 def test_voltage_loop_on_the_field_alone_has_the_published_eigenvalues(T_d01, expected):
-    plan = rig.exciter_on_field(T_d01)
+    plan = rig.exciter_on_field(T_d01, T_E=0.8)
     start = {"field.E": 1.0, "exciter.v_m": 1.0, "exciter.v_a": 1.4986, "exciter.v_e": 1.1154, "exciter.x_f": 1.4986}
     point = steady_state(plan, start=start)
     modes = linearise(plan, point).modes()

@@ -168,7 +168,9 @@ def stored_energy(x: State, p: SaturableCore):
     more_a = maximum(absolute(psi_a) - p.psi_knee, 0.0 * psi_a)
     more_b = maximum(absolute(psi_b) - p.psi_knee, 0.0 * psi_b)
     more_c = maximum(absolute(psi_c) - p.psi_knee, 0.0 * psi_c)
-    return 0.5 * (linear + steeper * (more_a**2 + more_b**2 + more_c**2))
+    less_alpha, less_beta = remanence(x, p)
+    held = less_alpha * (x.psi_alpha - x.rest_alpha) + less_beta * (x.psi_beta - x.rest_beta)
+    return 0.5 * (linear + steeper * (more_a**2 + more_b**2 + more_c**2)) - 1.5 * held
 
 
 @kernel

@@ -12,12 +12,16 @@ lies on the field, q leads it by 90 degrees, `theta` is the angle of d from alph
     dpsi_q/dt = omega_b (v_q + R_s i_q - omega psi_d)                                           (7)
     dpsi_f/dt = omega_b (R_f E_fd / X_ad - R_f i_f)                                             (8)
     dpsi_kd/dt = -omega_b R_kd i_kd,    dpsi_kq/dt = -omega_b R_kq i_kq                         (9)
-    2 H domega/dt = T_m - t_e,    t_e = psi_d i_q - psi_q i_d,    dtheta/dt = omega_b omega     (10)
+    2 H domega/dt = T_m - t_e - t_x,    t_e = psi_d i_q - psi_q i_d,    dtheta/dt = omega_b omega     (10)
+    t_x = brushless p_f omega / max(|omega|, omega_x)^2,    p_f = (R_f / X_ad) E_fd i_f         (11)
 
 The fundamental reactances and resistances follow from the data-sheet values by the classical relations (`derive`),
 without Canay's mutual leakage: the machine's own time constants then differ from the data-sheet ones by up to 10 %.
 No saturation; no zero sequence (insulated star point). The artificial damping torque of transient-stability programs
 is zero: the dampers that it stands for are here.
+
+A brushless exciter takes the field's power p_f from the shaft, (11), but for what is left to a supply of its own (field
+flashing) below the speed omega_x. What the exciter and its rotating rectifier lose themselves is not modelled.
 
 For the network, one implicit Euler step of length gh eliminates the rotor circuits (`stage`): what remains is an
 emf behind a reactance an axis, coupled by the speed. Speed and angle at the end of that step are predicted from the
@@ -36,7 +40,7 @@ import numpy as np
 from shipgrid.errors import ParameterError
 from shipgrid.model import Terminal, component, kernel, param, signal
 from shipgrid.model.frames import rotate, unrotate
-from shipgrid.model.ops import hypot, wrap
+from shipgrid.model.ops import absolute, hypot, maximum, wrap
 from shipgrid.units import (
     Ampere,
     Hertz,
@@ -52,6 +56,9 @@ from shipgrid.units import (
     VoltAmpere,
     Watt,
 )
+
+FLASHING = 0.2
+"""Speed [pu] below which an exciter on the shaft gives no longer what the field asks for: below firing speed."""
 
 
 class State:
@@ -179,6 +186,13 @@ def currents(x, p):
 
 
 @kernel
+def exciter_torque(omega, i_f, E_fd, p):
+    """Torque [pu] that a brushless exciter takes from the shaft for the field: (11)."""
+    speed = maximum(absolute(omega), FLASHING)
+    return p.brushless * p.v_f * E_fd * i_f * omega / (speed * speed)
+
+
+@kernel
 def derivatives(t, x: State, u: Input, p: SynchronousGenerator, dx: State):
     i_d, i_f, i_kd, i_q, i_kq = currents(x, p)
     v_d, v_q = rotate(u.v_alpha / p.V_b, u.v_beta / p.V_b, np.cos(x.theta), np.sin(x.theta))
@@ -187,7 +201,8 @@ def derivatives(t, x: State, u: Input, p: SynchronousGenerator, dx: State):
     dx.psi_f = p.omega_b * (p.v_f * u.E_fd - p.R_f * i_f)  # (8)
     dx.psi_kd = -p.omega_b * p.R_kd * i_kd  # (9)
     dx.psi_kq = -p.omega_b * p.R_kq * i_kq
-    dx.omega = p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d))  # (10)
+    t_x = exciter_torque(x.omega, i_f, u.E_fd, p)
+    dx.omega = p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d) - t_x)  # (10)
     dx.theta = p.omega_b * x.omega
 
 
@@ -223,8 +238,9 @@ def stage(gh, x, u, p):
     a_q, e_q, X_sq : float
         The same of the q axis: inverse self reactance, and `psi_q = e_q - X_sq i_q`.
     """
-    i_d, _, _, i_q, _ = currents(x, p)
-    omega = x.omega + gh * p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d))
+    i_d, i_f, _, i_q, _ = currents(x, p)
+    t_x = exciter_torque(x.omega, i_f, u.E_fd, p)
+    omega = x.omega + gh * p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d) - t_x)
     theta = x.theta + gh * p.omega_b * omega
     k = gh * p.omega_b
     # (2), (8) and (3), (9): [[x_f, X_ad], [X_ad, x_k]] [i_f, i_kd] = [r_f, r_kd] + X_ad i_d
@@ -282,7 +298,7 @@ def advance(gh, x: State, u: Input, p: SynchronousGenerator, x_next: State):
     x_next.psi_f = x.psi_f + k * (p.v_f * u.E_fd - p.R_f * i_f)
     x_next.psi_kd = x.psi_kd - k * p.R_kd * i_kd
     x_next.psi_kq = x.psi_kq - k * p.R_kq * i_kq
-    x_next.omega = x.omega + gh * p.r_H * (u.T_m - (psi_d * i_q - psi_q * i_d))
+    x_next.omega = x.omega + gh * p.r_H * (u.T_m - (psi_d * i_q - psi_q * i_d) - exciter_torque(omega, i_f, u.E_fd, p))
     x_next.theta = theta  # the predicted one: the network was solved with it, and the currents must agree
 
 
@@ -307,9 +323,10 @@ def losses(x: State, p: SynchronousGenerator):
 
 @kernel
 def supplied(x: State, u: Input, p: SynchronousGenerator):
-    """Power from the engine's shaft and from the exciter, counted here: torque and speed of the same step."""
+    """Power from the engine's shaft, and that of the field as far as the shaft does not give it."""
     _, i_f, _, _, _ = currents(x, p)
-    return p.S_n * (u.T_m * x.omega + p.v_f * u.E_fd * i_f)
+    apart = p.v_f * u.E_fd * i_f - exciter_torque(x.omega, i_f, u.E_fd, p) * x.omega
+    return p.S_n * (u.T_m * x.omega + apart)
 
 
 @component(
@@ -350,11 +367,18 @@ class SynchronousGenerator(Derived):
     X_q2: PerUnit = param("subtransient reactance, q", default=0.15, above=0.0, source="typical: 4-pole, low voltage")
     X_l: PerUnit = param("stator leakage reactance", default=0.07, above=0.0, source="typical: 4-pole, low voltage")
     R_s: PerUnit = param("stator resistance", default=0.012, at_least=0.0, source="typical: 4-pole, low voltage")
+    brushless: Ratio = param(
+        "share of the field's power that its exciter takes from the shaft: 1 brushless, 0 with a supply of its own",
+        default=1.0,
+        at_least=0.0,
+        at_most=1.0,
+        source="the exciter is an AC1A, an alternator with rotating rectifiers",
+    )
     T_d01: Second = param(
         "transient time constant, d axis, stator open",
-        default=3.5,
+        default=2.0,
         above=0.0,
-        source="typical, the upper end: below 3 s the loop with the AC1A exciter's published gains is hardly damped",
+        source="[Basler2007] table 18: four poles, frame of 570 mm, where 500 to 900 kVA are built",
     )
     T_d02: Second = param("subtransient time constant, d, stator open", default=0.017, above=0.0, source="typical")
     T_q02: Second = param("subtransient time constant, q, stator open", default=0.06, above=0.0, source="typical")
