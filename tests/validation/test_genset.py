@@ -311,7 +311,7 @@ def test_a_brushless_exciter_of_this_size_damps_the_voltage_loop_of_every_catalo
 
 @pytest.mark.parametrize("step", [0.12, 0.20])
 def test_a_load_step_of_iso_8528_stays_within_class_g3(step):
-    """One-cycle rms of the voltage: within -15/+20 %, back to 1 % in 4 s; speed: within -7/+10 %, in its band in 3 s."""
+    """One-cycle rms of the voltage: within -15/+20 %, 1 % after 4 s; speed within -7/+10 %, in its band after 3 s."""
     rig = Rig()
     rig.run(12.0, on=1.0)
     cycle = round(1.0 / 60.0 / Rig.h)

@@ -253,7 +253,7 @@ def fresh(plan: Plan, work: Workspace) -> Workspace:
     for of, piece in zip((*plan.parts, plan), (*work.parts, work), strict=True):
         piece.step.booked[:] = of.step.audit_every == 1
         step = piece.step
-        piece.net.stranded_first[:] = piece.net.stranded_last[:] = 0
+        piece.forget_notes()
         step.rows[:] = 0
         step.interval[:] = np.inf, -np.inf, 0.0
         step.energy[:] = 0.0

@@ -201,6 +201,11 @@ class Workspace:
         """Energy [J] of each of `Plan.energy_items`."""
         return np.concatenate([part.step.energy for part in (*self.parts, self)])
 
+    def forget_notes(self) -> None:
+        """Take back what the solver has noted of the nodes and bridges of its own, for a run that begins here."""
+        self.net.stranded_first[:] = self.net.stranded_last[:] = 0
+        self.net.rested[:] = 0
+
     def snapshot(self) -> Workspace:
         """An independent copy."""
         shared = {id(plan): plan for plan in (self.plan, *self.plan.parts)}  # a plan never changes
@@ -478,6 +483,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         v_stage=np.zeros(n + 1),
         stranded_first=np.zeros(n, dtype=np.int64),
         stranded_last=np.zeros(n, dtype=np.int64),
+        rested=np.zeros((len(plan.net.bridge_port), 2), dtype=np.int64),
         norton=np.zeros((len(plan.net.machine_w), 6)),
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),

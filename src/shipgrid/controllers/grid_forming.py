@@ -39,7 +39,6 @@ import math
 
 import numpy as np
 
-from shipgrid.components.electrical.lcl_filter import node_voltage
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.model import component, kernel, param, signal
@@ -207,7 +206,7 @@ def update(t, dt, x: State, u: Input, p: GridForming, x_next: State, y: Output):
     i_d, i_q = rotate(u.i_1_alpha / p.i_b, u.i_1_beta / p.i_b, cos, sin)
     ig_d, ig_q = rotate(u.i_g_alpha / p.i_b, u.i_g_beta / p.i_b, cos, sin)
     v_d, v_q = rotate(u.v_c_alpha / p.v_b, u.v_c_beta / p.v_b, cos, sin)
-    v_d, v_q = node_voltage(v_d, i_d, ig_d, p.R_d), node_voltage(v_q, i_q, ig_q, p.R_d)
+    v_d, v_q = v_d + p.R_d * (i_d - ig_d), v_q + p.R_d * (i_q - ig_q)  # across the damping resistor too
 
     y.p = v_d * ig_d + v_q * ig_q
     y.q = v_q * ig_d - v_d * ig_q

@@ -40,7 +40,6 @@ import math
 
 import numpy as np
 
-from shipgrid.components.electrical.lcl_filter import node_voltage
 from shipgrid.controllers.blocks.limiter import room_beside
 from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.blocks.pll import PllState, pll
@@ -159,8 +158,8 @@ def q_headroom(i_d, v_c, v_lim, p):
 def update(t, dt, x: State, u: Input, p: RectifierControl, x_next: State, y: Output):
     # measurements, per unit, on the PLL's d axis
     cos, sin = np.cos(x.pll.theta), np.sin(x.pll.theta)
-    v_alpha = node_voltage(u.v_c_alpha, u.i_1_alpha, u.i_2_alpha, p.R_d)
-    v_beta = node_voltage(u.v_c_beta, u.i_1_beta, u.i_2_beta, p.R_d)
+    v_alpha = u.v_c_alpha + p.R_d * (u.i_1_alpha - u.i_2_alpha)  # across the damping resistor too
+    v_beta = u.v_c_beta + p.R_d * (u.i_1_beta - u.i_2_beta)
     v_d, v_q = rotate(v_alpha / p.V_b, v_beta / p.V_b, cos, sin)
     i_d, i_q = rotate(-u.i_1_alpha / p.I_b, -u.i_1_beta / p.I_b, cos, sin)
     v_c = hypot(v_d, v_q)

@@ -249,7 +249,7 @@ class RunnablePlan(Plan):
             copied, empty = taken_over(start, watching), new_workspace(watching)
             copied.plan = watching
             copied.step = copied.step._replace(**{name: getattr(empty.step, name) for name in LOGS})
-            copied.net.stranded_first[:] = copied.net.stranded_last[:] = 0
+            copied.forget_notes()
             return copied
         work = new_workspace(watching)
         known = places_to_start(self)

@@ -69,6 +69,8 @@ SMALL = 1e-9
 """Share of the voltages by which a floating leg may pass its bounds."""
 SINGULAR = 1e-12
 """Share of an element's own admittances below which nothing conducts along a direction: an open contact, rounding."""
+PULSES = 10
+"""Pulses from rest after which a leg with one switch driven counts as in discontinuous conduction, not as starting."""
 DEAD_V = 1.0
 """Bus voltage [V] below which a bridge's power is not told from its current: no share of a landing is booked there."""
 MEANS = 7
@@ -184,6 +186,7 @@ def wait_for_gates(share, at_rest, per_ampere, i):
 
 @inlined
 def set_legs(
+    done,
     sig,
     h,
     node_signal,
@@ -202,12 +205,14 @@ def set_legs(
     constraint,
     clamp,
     conduct,
+    rested,
 ):
     """Start a step: bounds from the modulators, states from the last step, currents at the start.
 
     The bounds of a leg that waits for its gates are narrowed to what its current leaves of them.
 
     `conduct` holds, of this step: free legs, rounds, what changed in the last round, and the last bridge that did.
+    `rested` counts the pulses of a leg with one switch driven that begin from rest (discontinuous conduction).
     """
     for k in range(clamp.shape[0]):
         clamp[k] = 0
@@ -219,6 +224,10 @@ def set_legs(
         wait = sig[leg_wait[first]]
         v_dc = sig[node_signal[bridge_node[b]]]
         if 0.0 < wait < 1.0 and leg_rate[first] > 0.0 and v_dc > DEAD_V and np.isfinite(bridge_i0[b, 0]):
+            if np.abs(alpha) <= SMALL_A:
+                rested[b, 0] += 1
+                if rested[b, 0] == PULSES:
+                    rested[b, 1] = done
             per_ampere = 1.0 / (leg_rate[first] * h * v_dc)
             taken = wait_for_gates(
                 wait, stands_still(per_ampere, leg_s[first], bridge_i0[b, 0], alpha), per_ampere, alpha

@@ -9,7 +9,6 @@ Per axis (alpha, beta); symbols and signs as in `lcl_filter.py`.
 
 from __future__ import annotations
 
-from shipgrid.components.electrical.lcl_filter import node_voltage
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.units import Ampere, Ohm, Volt
 
@@ -34,8 +33,8 @@ class Output:
 
 @kernel
 def outputs(t, u: Input, p: FilterVoltage, y: Output):
-    y.v_alpha = node_voltage(u.v_c_alpha, u.i_1_alpha, u.i_2_alpha, p.R_d)  # (1)
-    y.v_beta = node_voltage(u.v_c_beta, u.i_1_beta, u.i_2_beta, p.R_d)
+    y.v_alpha = u.v_c_alpha + p.R_d * (u.i_1_alpha - u.i_2_alpha)  # (1)
+    y.v_beta = u.v_c_beta + p.R_d * (u.i_1_beta - u.i_2_beta)
 
 
 @component(input=Input, output=Output, outputs=outputs, stage="measure")

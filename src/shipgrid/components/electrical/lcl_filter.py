@@ -41,19 +41,13 @@ class Output:
 
 
 @kernel
-def node_voltage(v_c, i_1, i_2, R_d):
-    """Voltage where the chokes meet: across the capacitor and the damping resistor in series with it."""
-    return v_c + R_d * (i_1 - i_2)
-
-
-@kernel
 def grid_resistance(u: Input, p: LclFilter):
     return p.R_2 + p.R_p if u.position.real > 1.5 else p.R_2 + 0.0
 
 
 @kernel
 def derivatives(t, x: State, u: Input, p: LclFilter, dx: State):
-    v_node = node_voltage(x.v_c, x.i_1, x.i_2, p.R_d)
+    v_node = x.v_c + p.R_d * (x.i_1 - x.i_2)
     dx.i_1 = (u.v_conv - p.R_1 * x.i_1 - v_node) / p.L_1  # (1)
     dx.v_c = (x.i_1 - x.i_2) / p.C  # (2)
     dx.i_2 = (v_node - grid_resistance(u, p) * x.i_2 - u.v_g) / p.L_2  # (3)
