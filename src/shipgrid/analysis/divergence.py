@@ -6,6 +6,7 @@ import numpy as np
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.model.component import STAGES, fields_of
+from shipgrid.model.kernel import uncompiled
 from shipgrid.solvers.conduction import unsettled
 
 
@@ -40,7 +41,7 @@ def culprit(plan: Plan, work: Workspace) -> str:
 
 def _unsettled(plan: Plan, work: Workspace, t: float) -> str:
     """What no state of the legs agrees with, if there is such a bridge or bus."""
-    if not unsettled.py_func(work.net.conduct):
+    if not uncompiled(unsettled)(work.net.conduct):
         return ""
     last = int(work.net.conduct[3])
     node = plan.net.clamp_node[-1 - last] if last < 0 else plan.net.bridge_node[last]

@@ -38,6 +38,9 @@ from scipy.linalg import block_diag
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SolverError
 from shipgrid.model.frames import PHASES, abc_to_alpha_beta
+from shipgrid.model.kernel import uncompiled
+
+to_alpha_beta = uncompiled(abc_to_alpha_beta)
 
 DRIVEN, AT_LO, AT_HI, OFF, BOTH = range(5)
 NARROW = 1e-5
@@ -156,7 +159,7 @@ class Diodes:
             legs = s[bridge.legs]
             if self.reversed[bridge.bus]:
                 legs = np.array([on_a_reversed_bus[int(state)] for state in self.state[bridge.legs]])
-            sig[bridge.s] = legs if len(legs) == 1 else abc_to_alpha_beta.py_func(*legs)
+            sig[bridge.s] = legs if len(legs) == 1 else to_alpha_beta(*legs)
 
     def nodes(self, ports: int) -> tuple[np.ndarray, np.ndarray]:
         """How the potentials of legs that are nodes of their own act on the ports, and what conducts between them.
