@@ -71,6 +71,26 @@ def test_rectifier_stands_on_its_droop_line(mission):
     assert v_dc == pytest.approx(750.0 * (1.0 - 0.05 * i_dc / base), abs=0.3)
 
 
+def test_rectifiers_are_at_the_bound_of_their_voltage_through_both_legs_at_10_kn(mission):
+    """And nothing else is at a limit for 1 % of the time; the closed form says what reactive power that takes."""
+    shares = {limiter.signal: limiter.share for limiter in mission.at_limit}
+    legs = {"rectifier_for.control.q_bound": 0.311, "rectifier_aft.control.q_bound": 0.275}
+    assert shares == pytest.approx(legs, abs=0.005)  # 17 s: docs/reproducing.md has 0.1 %
+    written = {row["signal"]: row["share"] for row in mission.summary["limiters"]}
+    assert written == pytest.approx({limiter.signal: limiter.share for limiter in mission.limiters})
+    v_dc, p_dc, e = (
+        mean(mission, name, *AT_10_KN) for name in ("dc_for.v_dc", "rectifier_for.p_dc", "genset_for.v_pu")
+    )
+    limits = sg.load_ship("ferry").item("rectifier_for").limits(v_dc, 480.0, 60.0, 750.0, e)
+    point = next(p for p in map(limits.at, np.linspace(0.0, 0.6, 6001)) if p.p_dc * 596e3 >= p_dc)
+    # at the genset's 58.6 Hz the choke takes 2.4 % less and the capacitors give 2.4 % less
+    assert mean(mission, "genset_for.q_ac", *AT_10_KN) == pytest.approx(point.q_ac * 596e3, abs=2e3)
+    assert mean(mission, "rectifier_for.modulation", *AT_10_KN) == pytest.approx(
+        abs(point.v_node - 0.976 * limits.lcl.Z_1 * point.i) / (v_dc / 480.0 / 2.0**0.5), abs=2e-3
+    )
+    assert limits.end.p_dc * 596e3 == pytest.approx(369e3, abs=1.5e3)  # what it could at that voltage
+
+
 def test_both_screws_share_and_work_at_the_published_point(mission):
     """P/D 0.9, resistance table, 10 kn: 307 rpm, 2.23 kN m on the shaft, 71.8 kW each (models page 8)."""
     for side in ("for", "aft"):

@@ -98,7 +98,13 @@ def write(folder, n=20_000, finished=True):
     with ResultsWriter(folder, {"plant": columns}, {"plant": float(t[1])}, attributes) as writer:
         writer.append("plant", t, value, low, high)
         writer.events(events)
-        writer.limiters([("rectifier_for.modulation", 315.2, 0.42, 3), ("propulsion_for.torque_limit", 311.0, 12.5, 1)])
+        writer.limiters(
+            [
+                ("rectifier_for.modulation", 315.2, 0.42, 3),
+                ("propulsion_for.torque_limit", 311.0, 12.5, 1),
+                ("rectifier_for.control.q_bound", 401.3, 1058.0, 4),
+            ]
+        )
     if finished:
         (folder / "run.yaml").write_text(RUN_YAML + SIDE.format(x="for") + SIDE.format(x="aft") + TIES)
         (folder / "summary.json").write_text(json.dumps(SUMMARY))
@@ -121,6 +127,16 @@ SUMMARY = {
     "startup_s": 1.4,
     "us_per_step": 3.74,
     "energy_balance_error": 2.1e-4,
+    "limiters": [
+        {
+            "signal": "rectifier_for.control.q_bound",
+            "first_s": 401.3,
+            "duration_s": 1058.0,
+            "count": 4,
+            "share": 1058.0 / 3400.0,
+            "meaning": "the bridge's voltage bounds the reactive current",
+        },
+    ],
     "requirements": [
         _verdict("DC bus", "dc_for.v_dc", "band", "V", [715.0, 785.0], 721.5, 6.5, 312.0, None, "met"),
         _verdict("SOC", "bess_for.soc", "max", "1", [None, 0.61], 0.617, -0.007, 1424.0, 1360.0, "violated"),

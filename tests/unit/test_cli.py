@@ -18,10 +18,11 @@ from shipgrid.analysis.requirements import Verdict
 from shipgrid.assembly import crew
 from shipgrid.cli.main import app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
-from shipgrid.io.ship_file import bundled
+from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model.network import FIDELITIES
 from shipgrid.scenarios import runner
 from shipgrid.scenarios.conditions import Outcome
+from shipgrid.scenarios.results import Limiter
 
 
 def shipgrid(*words: str):
@@ -31,9 +32,11 @@ def shipgrid(*words: str):
 class Simulated:
     """Stands in for the runner: remembers what it was asked for, and answers as told."""
 
-    def __init__(self, ok=True, interrupted=False, error=None, requirements=(), class_limits=(), timeline=()):
+    def __init__(
+        self, ok=True, interrupted=False, error=None, requirements=(), class_limits=(), timeline=(), limiters=()
+    ):
         self.class_limits, self.timeline = class_limits, list(timeline)
-        self.requirements = list(requirements)
+        self.requirements, self.limiters = list(requirements), list(limiters)
         self.ok, self.interrupted, self.error = ok, interrupted, error
         self.asked = None
 
@@ -46,6 +49,7 @@ class Simulated:
         limits = [Verdict(**row) for row in self.class_limits]
         found = SimpleNamespace(ok=self.ok, requirements=self.requirements, class_limits=limits, summary=summary)
         found.folder, found.timeline = Path("results/x"), self.timeline
+        found.at_limit = [limiter for limiter in self.limiters if limiter.long]
         return found
 
 
@@ -144,6 +148,17 @@ def test_a_violated_limit_of_class_is_said_and_does_not_fail_the_run(simulated):
     assert (
         len(said) == 1 and "ISO 8528-5 G2: speed, transient, genset_for.omega_pu, band 0.9 .. 1.12 1: 0.875" in said[0]
     )
+
+
+def test_what_ran_at_a_limit_is_said_after_the_run(simulated):
+    signal, meaning = "rectifier_for.control.q_bound", "the bridge's voltage bounds the reactive current"
+    simulated(limiters=[Limiter(signal, 401.3, 1058.0, 4, 0.3112, meaning), Limiter("a.b", 1.0, 2.0, 1, 6e-4)])
+    said = shipgrid("run").stdout
+    (row,) = [line for line in said.splitlines() if line.startswith(signal)]
+    assert "31.1 %" in row and "17 min 38 s" in row and meaning in row
+    assert "a.b" not in said
+    simulated(limiters=[])
+    assert "at a limit" not in shipgrid("run").stdout
 
 
 def test_a_rule_in_time_is_said_with_its_band(simulated):
@@ -419,6 +434,29 @@ def test_explain_names_buses_stages_and_time_constants():
         "head sea up to 1.39 m",
     ):
         assert part in result.stdout
+
+
+def test_explain_says_what_converters_carry_against_their_rating_and_what_would_help():
+    said = shipgrid("explain").stdout
+    for part in (
+        "377.5 kW",  # of 596 kW, at 750 V
+        "rectifier_for, rectifier_aft: less than the rating, 358 kW of 596 kW on 712.5 V",
+        "lcl_preset: design_rules carries the rating with 0.371 pu",
+        "inverter_for, inverter_aft: less than the rating, 26.91 kVA of 50 kVA at power factor 0.9",
+        "518 Hz",
+        "600 to 810 Hz",
+    ):
+        assert part in said, part
+
+
+def test_explain_is_silent_about_a_rectifier_that_carries_its_rating(tmp_path):
+    text = load_ship().text
+    path = tmp_path / "ruled.yaml"
+    path.write_text(text.replace("f_sw: 1620 Hz, dc_droop: 0.05 pu}", "lcl_preset: design_rules}"))
+    said = shipgrid("explain", "--ship", str(path)).stdout
+    assert "rectifier_for, rectifier_aft  596 kW" in said
+    assert "rectifier_aft: less than" not in said
+    assert "717 Hz" in said
 
 
 def test_help_answers_without_the_heavy_libraries():

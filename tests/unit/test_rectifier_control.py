@@ -10,7 +10,7 @@ from shipgrid.controllers import dc_voltage, reactive_power, rectifier_control
 from shipgrid.controllers.blocks.limiter import limit_length, room_beside
 from shipgrid.controllers.blocks.pll import PllState, pll
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
-from shipgrid.controllers.rectifier_control import RectifierControl, q_headroom
+from shipgrid.controllers.rectifier_control import RectifierControl, d_headroom, q_headroom
 from shipgrid.equipment import rectifier
 from shipgrid.equipment.rectifier import Rectifier, RectifierSequence
 from shipgrid.errors import ParameterError
@@ -130,6 +130,18 @@ def test_bound_leaves_five_percent_of_the_voltage_across_the_choke():
     i_d, v_c = 0.5, 0.99
     i_q = q_headroom(i_d, v_c, V_LIM, P)
     assert abs(v_c - 1j * P.X_1 * (i_d + 1j * i_q)) == pytest.approx(0.95 * V_LIM)
+
+
+def test_d_axis_leaves_room_for_the_reactive_current_it_needs_where_voltage_and_current_meet():
+    for X_1, v_lim, by in ((1.29, V_LIM, "share"), (0.37, 1.05, "both"), (0.129, V_LIM, "current")):
+        p, _ = parameter_record(RectifierControl(L_1=X_1 / 1.29 * RectifierControl().L_1))
+        i_d = d_headroom(0.98, v_lim, p)
+        i_q = min(q_headroom(i_d, 0.98, v_lim, p), 0.0)
+        assert math.hypot(i_d, i_q) <= 1.2 + 1e-12
+        assert {"share": i_d == pytest.approx(0.8 * 0.95 * v_lim / X_1, rel=1e-4), "current": i_d == 1.2}.get(
+            by, math.hypot(i_d, i_q) == pytest.approx(1.2)
+        )
+    assert d_headroom(0.98, 0.3, p) == 0.0  # no current at all inside so little voltage
 
 
 def test_disabled_it_asks_for_the_measured_voltage():

@@ -21,7 +21,7 @@ from shipgrid.errors import InputErrors
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import PANELS, POINTS, bars_of, panels_of, signals_of
 from shipgrid.io.plot import plot
-from shipgrid.io.report import energy_table, instant, limits, render, si
+from shipgrid.io.report import energy_table, instant, limits, percent, render, si
 from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.results import Event, open_results
 
@@ -69,7 +69,8 @@ def test_the_report_says_what_was_asked_and_what_became_of_it(page):
         "IACS UR E5: voltage",
     )
     others = ("12.5 s", "0123abc", "60 µs", "refused: the rest cannot carry the load yet", "88.89", "MinMaxLTTB")
-    for said in (*verdicts, *of_class, *others):
+    limiters = ("1 at a limit for 1 % or more", "the bridge's voltage bounds the reactive current", "31.1 %")
+    for said in (*verdicts, *of_class, *others, *limiters):
         assert said in text, said
 
 
@@ -266,6 +267,22 @@ def test_energy_is_listed_by_size_and_crumbs_are_put_together():
 )
 def test_quantities_are_written_as_people_write_them(value, unit, text):
     assert si(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.3112, "31.1 %"), (1.0, "100 %"), (0.01, "1 %"), (2.392e-4, "0.024 %"), (2e-5, "< 0.01 %"), (float("nan"), "–")],
+)
+def test_a_share_is_written_to_three_digits_a_small_one_to_two(share, text):
+    assert percent(share) == text
+
+
+def test_limiters_are_listed_by_their_share_and_the_long_ones_stand_out(page):
+    section = page[page.index("Active limiters") : page.index("<h2>Events")]
+    names = re.findall(r'<span class="code">([\w.]+)</span>', section)
+    assert names == ["rectifier_for.control.q_bound", "propulsion_for.torque_limit", "rectifier_for.modulation"]
+    assert section.count('<tr class="long">') == 1
+    assert "width:31.12%" in section
 
 
 def test_an_instant_late_in_a_long_run_is_written_in_whole_seconds():

@@ -1,6 +1,7 @@
 """Results: written while the run goes on, read afterwards."""
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from shipgrid.analysis.requirements import Requirement, evaluate
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.scenarios.recorder import CHUNK_ROWS, ResultsWriter
-from shipgrid.scenarios.results import bibliography, citation_keys, open_results
+from shipgrid.scenarios.results import Limiter, bibliography, citation_keys, open_results
 
 GROUPS = {
     "plant": [("dc_for.v_dc", "V", "main bus voltage"), ("bess_for.i_b", "A", "battery current")],
@@ -62,7 +63,33 @@ def test_events_are_in_order_of_time_and_limiters_are_kept(written):
         (1.0, "propulsion_for.speed_ref", "6 kn"),
         (2.0, "genset_for", "running"),
     ]
-    assert run.limiters == [("rectifier_for.modulation", 3.0, 0.5, 2)]
+    share = 0.5 / float(run["dc_for.v_dc"].time[-1])  # of what is recorded, while there is no summary
+    assert run.limiters == [("rectifier_for.modulation", 3.0, 0.5, 2, pytest.approx(share), "")]
+
+
+def test_a_limiter_s_share_is_that_of_the_simulated_time_and_a_long_one_is_named(written):
+    rows = [{"signal": "rectifier_for.modulation", "meaning": "the converter voltage is at its limit"}]
+    for simulated, share, named in ((40.0, 0.0125, 1), (60.0, 0.5 / 60.0, 0)):
+        (written / "summary.json").write_text(json.dumps({"simulated_s": simulated, "limiters": rows}))
+        run = open_results(written)
+        (limiter,) = run.limiters
+        assert limiter.share == pytest.approx(share)
+        assert limiter.meaning == "the converter voltage is at its limit"
+        assert len(run.at_limit) == named  # from 1 % of the time
+
+
+def test_limiters_stand_in_order_of_their_time(tmp_path):
+    with ResultsWriter(tmp_path, GROUPS, {"plant": 1.0}) as w:
+        w.append("plant", np.array([0.0, 100.0]), np.zeros((2, 2)))
+        w.limiters([("a.short", 1.0, 0.2, 1), ("b.long", 5.0, 40.0, 3), ("c.middle", 2.0, 1.0, 1)])
+    run = open_results(tmp_path)
+    assert [x.signal for x in run.limiters] == ["b.long", "c.middle", "a.short"]
+    assert [x.signal for x in run.at_limit] == ["b.long", "c.middle"]
+
+
+def test_a_run_without_a_length_has_no_shares():
+    assert math.isnan(Limiter.of(("a.limited", 0.0, 0.0, 1), 0.0).share)
+    assert not Limiter.of(("a.limited", 0.0, 0.0, 1), 0.0).long
 
 
 def test_an_unknown_signal_is_refused_with_the_nearest_name(written):

@@ -7,6 +7,7 @@ point, in the frame that turns with the controller, by complex step.
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -18,6 +19,7 @@ from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.electrical.load import Load
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.controllers import grid_forming
+from shipgrid.equipment.capability import FilterAtRest, inverter_end, inverter_on, voltage_limit
 from shipgrid.model.records import initial_of, make_record, parameter_record
 from validation.hotel_rig import (
     DESIGN,
@@ -26,6 +28,7 @@ from validation.hotel_rig import (
     OMEGA_B,
     T_S,
     V_B,
+    V_DC,
     Controller,
     controller,
     faulted,
@@ -299,6 +302,29 @@ def test_without_the_limit_the_virtual_impedance_is_unstable_in_a_bolted_fault(p
 def test_advance_of_the_modulation_vector_is_needed():
     """Without it the isolated inverter is unstable on R || L: the frame lags by 1.5 periods, 20 degrees."""
     assert isolated(controller(**DESIGN), parallel(10e3), advance=False).rightmost().real > 0.0
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+@pytest.mark.parametrize("power_factor", [0.9, 0.999])
+@pytest.mark.parametrize("share", [0.5, 0.95])
+def test_what_an_inverter_can_carry_is_the_closed_form(preset, power_factor, share):
+    """Its modulation at a load below the end, at the equilibrium of one whole sampling period."""
+    control = controller(preset)
+    lcl = FilterAtRest.of(filter_of(control), 50e3, 400.0, 60.0)
+    v_lim = voltage_limit(V_DC, 400.0)
+    end = inverter_end(lcl, v_lim, control.i_max, control.m_q, power_factor)
+    z_load = end.v_bar**2 / end.s / share  # the load is an impedance
+    load = 50e3 * power_factor / z_load
+    one = isolated(control, series(load, power_factor))
+    z = one.equilibrium()
+    w, _, states = one.split(z)
+    full = one.grid.basis @ w
+    _, _, y = one.kernels[0](states[0], full[1], full[0], full[2])
+    expected = inverter_on(lcl, z_load * cmath.rect(1.0, math.acos(power_factor)), control.m_q)
+    # a vector held for a carrier period counts 0.23 % less than its length; the droop lowers the frequency by up to 2 %
+    assert y.modulation == pytest.approx(abs(expected.v) / v_lim, rel=0.01)
+    assert y.modulation < 1.0
+    assert one.current(z) == pytest.approx(abs(expected.i), rel=0.015)  # and with it the reactance of the load
 
 
 class TestBlackStart:

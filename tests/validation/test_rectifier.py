@@ -21,7 +21,17 @@ from shipgrid.controllers import dc_voltage, reactive_power, rectifier_control
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment import rectifier
-from shipgrid.equipment.rectifier import CLOSED, L_1_PAPER, L_1_PRESETS, OPEN, RESISTOR, Rectifier, RectifierSequence
+from shipgrid.equipment.capability import voltage_limit
+from shipgrid.equipment.rectifier import (
+    CLOSED,
+    DESIGN_RULES,
+    L_1_PAPER,
+    L_1_PRESETS,
+    OPEN,
+    RESISTOR,
+    Rectifier,
+    RectifierSequence,
+)
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
 
 loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
@@ -37,11 +47,25 @@ GENSET = 0.135 * L_BASE  # mean of the subtransient reactances
 I_DC_N = 596e3 / 750.0
 BATTERIES = 2.0 * 20.0 * 128.0 / 750.0 * 460.0 / 750.0  # S at the bus: two droops of 20 pu on 128 A of a 460 V battery
 
+X_SOURCE = 0.135  # of GENSET [pu]
+SIDES = (480.0, 60.0, 750.0)  # AC voltage and frequency, DC voltage
+PRESETS = (*L_1_PRESETS, DESIGN_RULES)
+
 lcl_derivatives, control_update, sequence_update = lcl_filter.derivatives, rectifier_control.update, rectifier.update
 
 
 def paper_filter(**more):
     return LclFilter.per_unit(596e3, 480.0, 60.0, **{"L_1": 1.29, "C": 0.07, "L_2": 0.09} | more)
+
+
+def item(preset="paper", **more):
+    return Rectifier(source="genset", bus="dc", lcl_preset=preset, **more)
+
+
+def as_built(preset="paper", **more):
+    """Filter and control of a rectifier as the ship has it: the voltage taken at the node, R_d known."""
+    made = item(preset, **more)
+    return {"lcl": made.lcl(*SIDES), "control": made.fitted_control(*SIDES)}
 
 
 def overlaid(record, scalar, **values):
@@ -352,6 +376,32 @@ def test_droop_alone_on_its_bus_is_damped_as_designed(p_pu, zeta):
     assert poles.real.max() < 0.0
 
 
+@pytest.mark.parametrize(
+    ("p_pu", "each", "stable"), [(0.25, 0.2, True), (0.4, 0.2, False), (0.45, 1.0, True), (0.5, 1.0, False)]
+)
+def test_how_much_reading_a_carries_alone_as_built_depends_on_how_fast_load_comes(p_pu, each, stable):
+    """A sixteenth after `each` seconds. What rests is stable; but the bus sags while load comes, and may be lost."""
+    bench = Bench(source=GENSET, **as_built(dc_pi="voltage")).started()
+    low = min(bench.run(each, power=part)["v_dc"].min() for part in np.linspace(0.0, p_pu * 596e3, 17)[1:])
+    end = bench.run(20.0 if stable else 1.0)["v_dc"]
+    if stable:
+        assert low > 0.9 * 648.0  # where a rectifier opens
+        assert np.ptp(end[-648:]) < 1e-3
+        assert end[-1] == pytest.approx(750.0 * 0.5 * (1.0 + math.sqrt(1.0 - 4.0 * 0.05 * p_pu)), abs=0.05)
+        assert bench.poles().real.max() < 0.0
+    else:
+        assert min(low, end.min()) < 0.0  # the constant-power load pulls the bus through zero
+
+
+@pytest.mark.parametrize(("p_pu", "zeta"), [(0.2, 0.368), (0.5, 0.150), (0.55, 0.067)])
+def test_droop_alone_on_its_bus_is_better_damped_as_built_than_as_designed(p_pu, zeta):
+    bench = Bench(source=GENSET, **as_built()).started()
+    bench.loaded(p_pu * 596e3)
+    poles = bench.poles()
+    assert bus_damping(poles) == pytest.approx(zeta, abs=5e-4)  # as the page has it, three digits
+    assert poles.real.max() < 0.0
+
+
 @pytest.mark.parametrize("p_pu", [0.05, 0.3, 0.5])
 def test_forming_the_bus_alone_is_well_damped(p_pu):
     bench = Bench(source=GENSET).started(mode=1.0)
@@ -359,6 +409,16 @@ def test_forming_the_bus_alone_is_well_damped(p_pu):
     assert end["v_dc"][-1] == pytest.approx(750.0, abs=0.1)
     poles = bench.poles()
     assert bus_damping(poles) > 0.4
+    assert poles.real.max() < 0.0
+
+
+@pytest.mark.parametrize(("p_pu", "zeta"), [(0.05, 0.702), (0.3, 0.611), (0.5, 0.449)])
+def test_forming_the_bus_alone_is_well_damped_as_built(p_pu, zeta):
+    bench = Bench(source=GENSET, **as_built()).started(mode=1.0)
+    end = bench.loaded(p_pu * 596e3)
+    assert end["v_dc"][-1] == pytest.approx(750.0, abs=0.1)
+    poles = bench.poles()
+    assert bus_damping(poles) == pytest.approx(zeta, abs=5e-4)  # as the page has it, three digits
     assert poles.real.max() < 0.0
 
 
@@ -371,6 +431,104 @@ def test_every_filter_preset_is_stable_with_gains_scaled_to_it(preset, source):
     bench = Bench(lcl=lcl, source=source, control=control, conductance=BATTERIES, v_0=735.0).started()
     bench.loaded(150e3)
     assert bench.poles().real.max() < -0.05  # the slowest is the reactive power loop
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("source", [0.0, GENSET])
+def test_every_filter_preset_is_stable_as_built(preset, source):
+    bench = Bench(source=source, conductance=BATTERIES, v_0=735.0, **as_built(preset)).started()
+    bench.loaded(150e3)
+    assert bench.poles().real.max() < -0.05  # the slowest is the reactive power loop
+
+
+@pytest.mark.parametrize("R_d", [True, False])
+@pytest.mark.parametrize("source", [0.0, GENSET])
+def test_filter_by_design_rules_is_stable_at_any_load_beside_batteries(source, R_d):
+    parts = as_built(DESIGN_RULES)
+    if not R_d:  # as the paper's design: the voltage of the capacitor alone
+        parts["control"] = dataclasses.replace(parts["control"], R_d=0.0)
+    bench = Bench(source=source, conductance=BATTERIES, v_0=735.0, e=1.02 if source else 1.0, **parts).started()
+    for power in (10e3, 150e3, 300e3, 450e3, 596e3):
+        bench.loaded(power)
+        assert bench.poles().real.max() < -0.05
+
+
+# what it can carry
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("v_dc", [712.5, 750.0])
+def test_what_it_carries_at_most_is_the_closed_form(preset, v_dc):
+    """Asked for more than it has, by a bus that others hold, it comes to rest where the closed form ends."""
+    bench = Bench(conductance=1e3, v_0=v_dc, **as_built(preset)).started()
+    bench.u.v_dc_ref = 1.2 * v_dc
+    rest = {name: values[-3240:].mean() for name, values in bench.run(20.0).items()}
+    end = item(preset).limits(rest["v_dc"], *SIDES).end
+    # A vector that is held for a sampling period counts 0.06 % less than its length: the node stands that much lower.
+    assert math.hypot(rest["v_d"], rest["v_q"]) == pytest.approx(end.v_node, rel=2e-3)
+    assert rest["i_d"] == pytest.approx(end.i.real, abs=1e-3)
+    # ... and i_q takes up the difference, over X_1; the most with the smallest choke
+    assert rest["i_q"] == pytest.approx(end.i.imag, abs=2e-3 / min(1.0, parts_x_1(preset)))
+    assert rest["p_dc"] / 596e3 == pytest.approx(end.p_dc, rel=2e-3)
+    assert rest["modulation"] == pytest.approx(abs(end.v) / voltage_limit(rest["v_dc"], 480.0), abs=3e-3)
+    assert math.hypot(rest["i_d"], rest["i_q"]) < 1.2 + 1e-3
+    assert rest["current_limit"] == 1.0
+    assert rest["modulation_limit"] == 0.0  # the current stays controlled
+
+
+def parts_x_1(preset):
+    return item(preset).per_unit_filter(*SIDES)[0]
+
+
+@pytest.mark.parametrize("power", [210e3, 300e3])
+def test_reactive_current_on_the_way_is_that_of_the_closed_form(power):
+    bench = Bench(conductance=BATTERIES, v_0=717.0, **as_built()).started()
+    end = bench.loaded(power, seconds=30.0)
+    assert end["q_bound"][-1] == 1.0
+    point = item().limits(end["v_dc"][-1], *SIDES).at(end["i_d"][-1])
+    assert end["i_q"][-1] == pytest.approx(point.i.imag, abs=1e-3)  # the held vector, as above
+    assert end["p_dc"][-1] / 596e3 == pytest.approx(point.p_dc, rel=2e-3)
+
+
+def test_paper_s_filter_ends_on_its_own_droop_at_365_kw():
+    """The droop line meets what the bridge can do: load beyond that falls to the other sources, and the bus with it."""
+    v = 750.0
+    for _ in range(40):
+        power = item().limits(v, *SIDES).end.p_dc * 596e3
+        v = 750.0 * (1.0 - 0.05 * power / v / I_DC_N)
+    assert (power / 1e3, v) == pytest.approx((365.2, 726.3), abs=0.1)  # as the page has them
+    # batteries hold the bus 1 V above and below that
+    for off, held in ((1.0, 0.0), (-1.0, 1.0)):
+        bench = Bench(conductance=1e3, v_0=v + off - power / v / 1e3, **as_built()).started()
+        rest = bench.loaded(0.0, seconds=20.0)
+        assert rest["v_dc"][-1] == pytest.approx(v + off, abs=0.1)
+        assert rest["current_limit"][-1] == held
+        assert rest["p_dc"][-1] == pytest.approx(power, rel=0.06)  # 1 V of droop is 0.027 pu of current
+
+
+@pytest.mark.parametrize("source", [0.0, GENSET])
+def test_filter_by_design_rules_carries_the_full_rating(source):
+    """596 kW into the bus at the voltage its droop has then, terminals at their nominal voltage.
+
+    Inside the control's limits of current (1.2 pu) and voltage (95 % of v_dc / sqrt 3), stable, nothing saturated.
+    """
+    v_dc = 750.0 * 0.5 * (1.0 + math.sqrt(1.0 - 4.0 * 0.05))  # 710.4 V
+    limits = item(DESIGN_RULES).limits(v_dc, *SIDES)
+    i_d = next(i for i in np.linspace(0.9, 1.2, 30001) if limits.at(i).p_dc >= 1.0)
+    point = limits.at(i_d)
+    i_ac = point.i + limits.lcl.Y * point.v_node
+    behind = abs(point.v_node + limits.lcl.Z_2 * i_ac + 1j * (X_SOURCE if source else 0.0) * i_ac)
+    bench = Bench(source=source, e=behind, conductance=BATTERIES, v_0=v_dc, **as_built(DESIGN_RULES)).started()
+    end = bench.loaded(596e3, seconds=30.0)
+    assert end["p_dc"][-1] == pytest.approx(596e3, rel=2e-3)  # the bleeder's 0.1 %
+    assert end["v_dc"][-1] == pytest.approx(v_dc, abs=0.2)
+    assert math.hypot(end["i_d"][-1], end["i_q"][-1]) == pytest.approx(1.04, abs=0.005)
+    assert end["i_q"][-1] == pytest.approx(point.i.imag, abs=3e-3)  # the held vector counts 0.06 % less, over X_1
+    assert end["modulation"][-1] == pytest.approx(0.945, abs=3e-3)
+    for flag in ("current_limit", "modulation_limit"):
+        assert end[flag][-3240:].max() == 0.0
+    assert point.s_ac < 1.04  # the genset's apparent power hardly above what the load takes
+    assert bench.poles().real.max() < -0.5
 
 
 def test_enabling_makes_no_current():
@@ -401,6 +559,26 @@ def test_at_half_load_it_draws_the_reactive_power_that_keeps_it_in_control():
     assert end["q_bound"][-1] == 1.0
     assert end["modulation_limit"][-1000:].max() == 0.0
     assert bench.poles().real.max() < -0.5
+
+
+def test_at_half_load_as_built_it_draws_as_much_reactive_power_and_uses_95_percent():
+    bench = Bench(conductance=BATTERIES, v_0=717.0, **as_built()).started()
+    end = bench.loaded(210e3, seconds=60.0)
+    assert end["i_dc"][-1] / I_DC_N == pytest.approx(0.446, abs=0.002)
+    assert end["i_q"][-1] == pytest.approx(-0.108, abs=0.002)
+    assert end["modulation"][-1] == pytest.approx(0.947, abs=0.001)  # the node's voltage is known: all but R_1's part
+    assert end["q_bound"][-1] == 1.0
+    assert end["modulation_limit"][-1000:].max() == 0.0
+    assert bench.poles().real.max() < -0.5
+
+
+def test_enabling_as_built_makes_a_tenth_of_that_current():
+    bench = Bench(conductance=BATTERIES, **as_built())
+    bench.run(0.5)
+    bench.u.enable, bench.seq_y.contacts, bench.u.v_dc_ref = 1.0, 0.0, bench.f[6]
+    kick = bench.run(0.3)
+    assert np.hypot(kick["i_d"], kick["i_q"]).max() < 0.003  # the voltage fed forward is that of the node
+    assert np.abs(kick["v_dc"] - 750.0).max() < 0.1
 
 
 def test_reactive_power_comes_back_when_the_load_goes():

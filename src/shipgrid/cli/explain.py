@@ -14,6 +14,9 @@ from shipgrid.cli.parts import show_parts
 from shipgrid.components.marine.hull import Hull
 from shipgrid.components.marine.propeller import Propeller, mismatch, stand_in
 from shipgrid.components.marine.wind_and_waves import WindAndWaves
+from shipgrid.equipment.capability import Rated, Resonance
+from shipgrid.io.report import si
+from shipgrid.io.ship_file import ShipInNetwork
 from shipgrid.model.component import STAGES, type_of
 from shipgrid.model.network import AcBus, Every, Network, Placed, Sampled
 from shipgrid.model.records import parameter_record
@@ -36,6 +39,7 @@ def explain_ship(ship: Any, step: float) -> None:
         show_parts(divide(network, ship.parts, step), step)
     _stages(network, step)
     _water(network)
+    _converters(network, ShipInNetwork(ship, network))
     types = {type_of(placed.item).name for placed in network.placed.values()}
     typer.echo(
         f"{ship.name}: {len(network.placed)} components of {len(types)} types, "
@@ -170,6 +174,38 @@ def _water(network: Network) -> None:
         rows.append((", ".join(paths), f"B{Z:g}-{100 * A_E:g}, P/D {P_D:g}; {series}"))
     if rows:
         table("Screws and hull", ("component", "which is"), rows)
+
+
+def _converters(network: Network, ship: ShipInNetwork) -> None:
+    """What converters can carry against their ratings, and where their filters resonate; alike ones in one row."""
+    rated: dict[Rated, list[str]] = {}
+    resonances: dict[Resonance, list[str]] = {}
+    for name, item in ship.equipment.items():
+        for row in item.rated(network, ship) if hasattr(item, "rated") else ():
+            rated.setdefault(row, []).append(name)
+        for found in item.resonances(network, ship) if hasattr(item, "resonances") else ():
+            resonances.setdefault(found, []).append(name)
+    rows = [
+        (", ".join(names), si(row.rating, row.unit), row.under, f"{v_dc:g} V", si(power, row.unit), share, said)
+        for row, names in rated.items()
+        for v_dc, power, said in row.carries
+        for share in [f"{100.0 * power / row.rating:.0f} %"]
+    ]
+    if rows:
+        heads = ("item", "rating", "at", "DC voltage", "carries", "of it", "how it ends")
+        table("What converters can carry at nominal AC voltage", heads, rows)
+    for row, names in rated.items():
+        if row.short:
+            v_dc, power, _ = min(row.carries, key=lambda point: point[1])
+            under = f" at {row.under}" if row.under else ""
+            less = f"{si(power, row.unit)} of {si(row.rating, row.unit)}{under} on {v_dc:g} V"
+            typer.echo(f"{', '.join(names)}: less than the rating, {less}. {row.remedy}")
+    rows = [
+        (", ".join(names), f"{r.frequency:.0f} Hz", r.behind, f"{r.low:g} to {r.high:g} Hz", r.placed)
+        for r, names in resonances.items()
+    ]
+    if rows:
+        table("Resonances of filters", ("item", "resonance", "behind", "wanted: 10 f_1 to f_sw / 2", "is"), rows)
 
 
 def _clock(clock: Any, step: float) -> str:

@@ -788,6 +788,12 @@ def _say_results(results: Any) -> None:
         if verdict.verdict == "violated":
             value = f"{verdict.value:.5g} {verdict.unit}"
             typer.echo(f"limit of class violated: {verdict.name}, {verdict.signal}, {_limits(verdict)}: {value}")
+    if results.at_limit:
+        rows = [
+            (limiter.signal, f"{100.0 * limiter.share:.3g} %", _duration(limiter.duration_s), limiter.meaning)
+            for limiter in results.at_limit
+        ]
+        listing.table("at a limit for 1 % of the time or more", ("limiter", "of the time", "in all", "while"), rows)
     typer.echo(
         f"{summary.get('simulated_s', 0.0):g} s in {summary.get('wall_s', 0.0):.1f} s "
         f"({summary.get('us_per_step', 0.0):.2f} us a step); "

@@ -22,11 +22,15 @@ References and their limits, v_lim = m_max v_dc / sqrt 3, X_1 the reactance of t
     0 <= i_d* <= min(i_max, share 0.95 v_lim / X_1)                                         (3)
     |i_q*| <= sqrt(i_max^2 - i_d*^2)                              priority to the d axis    (4)
     i_q* <= (sqrt((0.95 v_lim)^2 - (X_1 i_d*)^2) - |v_C|) / X_1                             (5)
+    i_d* <= sqrt(i_max^2 - i_q0^2),   where (4) would leave less than (5) asks for          (6)
+    i_q0 = ((0.95 v_lim)^2 - |v_C|^2 - (X_1 i_max)^2) / (2 X_1 |v_C|)
 
 (5) is an addition to the paper. At half load and unity power factor the converter of the paper would need more voltage
 than its DC bus gives; without (5) the reactive power integrator winds up and the power control is lost. With it the
 rectifier draws just the reactive power that keeps 5 % of the voltage for control. i_d* in (5) is
-filtered, |v_C| is the feed-forward.
+filtered, |v_C| is the feed-forward. (6) is where the limits of voltage and current meet: beyond it the d axis would
+take the room of the reactive current that it needs itself, and the current would no longer be controlled. With the
+paper's choke (3) ends the d-axis current before.
 
 `enable` = 0 holds all integrators so that the voltage asked for is the measured capacitor voltage: enabling makes no
 current. `limit` is the sequence's bound on both axes for taking and shedding load.
@@ -110,9 +114,9 @@ class Output:
     v_d: PerUnit = signal("voltage across capacitor and damping resistor, d axis")
     v_q: PerUnit = signal("voltage across capacitor and damping resistor, q axis: zero when locked")
     omega: RadianPerSecond = signal("speed of that voltage's vector")
-    current_limit: Ratio = signal("1 while limit (3) or (4) holds a current reference", limiter=True)
+    current_limit: Ratio = signal("1 while a limit of the current, (3), (4) or (6), holds its reference", limiter=True)
     modulation_limit: Ratio = signal("1 while the converter voltage is at its limit", limiter=True)
-    q_bound: Ratio = signal("1 while the modulation-limit bound (5) holds the q-axis reference", limiter=True)
+    q_bound: Ratio = signal("1 while the bridge's voltage bounds the reactive current, by (5)", limiter=True)
     reverse_limit: Ratio = signal("1 while the d-axis reference stands at zero: no reverse power", limiter=True)
 
 
@@ -155,6 +159,18 @@ def q_headroom(i_d, v_c, v_lim, p):
 
 
 @kernel
+def d_headroom(v_c, v_lim, p):
+    """Largest d-axis current [pu] that leaves room for the q-axis current it needs: (3), (6)."""
+    v_max = p.margin * v_lim
+    i_d = minimum(p.i_max, p.share * v_max / p.X_1)  # (3)
+    i_q = minimum(q_headroom(i_d, v_c, v_lim, p), 0.0)
+    if hypot(i_d, i_q).real <= p.i_max.real:
+        return i_d + 0.0 * v_c
+    needed = (v_max * v_max - v_c * v_c - p.X_1 * p.X_1 * p.i_max * p.i_max) / (2.0 * p.X_1 * v_c)
+    return room_beside(needed, p.i_max)  # (6)
+
+
+@kernel
 def update(t, dt, x: State, u: Input, p: RectifierControl, x_next: State, y: Output):
     # measurements, per unit, on the PLL's d axis
     cos, sin = np.cos(x.pll.theta), np.sin(x.pll.theta)
@@ -174,12 +190,13 @@ def update(t, dt, x: State, u: Input, p: RectifierControl, x_next: State, y: Out
 
     # references and their limits
     v_lim = p.m_max * u.v_dc / (SQRT3 * p.V_b)
-    d_high = minimum(p.i_max, p.share * p.margin * v_lim / p.X_1)  # (3)
+    v_ff = hypot(x_next.v_ff_d, x_next.v_ff_q)
+    d_high = d_headroom(v_ff, v_lim, p)
     i_d_ref = dc_voltage(
         u.v_dc_ref / p.V_dc_n, v_dc, x_next.i_dc_f, u.mode, u.enable, minimum(d_high, u.limit), p, dt, x.dc, x_next.dc
     )
     x_next.i_d_ref_f = low_pass(i_d_ref, x.i_d_ref_f, p.omega_meas, dt)
-    bound = q_headroom(x_next.i_d_ref_f, hypot(x_next.v_ff_d, x_next.v_ff_q), v_lim, p)  # (5)
+    bound = q_headroom(x_next.i_d_ref_f, v_ff, v_lim, p)  # (5)
     room = minimum(room_beside(i_d_ref, p.i_max), u.limit)  # (4)
     i_q_ref = reactive_power(
         x_next.v_f,

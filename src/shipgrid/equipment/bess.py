@@ -227,6 +227,10 @@ class Bess:
                 f"bess: f_c = {self.f_c:g} Hz is above a tenth of f_sw = {self.f_sw:g} Hz: the current loop would ring"
             )
 
+    def full_load_voltage(self, v_n: float) -> float:
+        """DC voltage [V] at which its droop asks for its rated current, on a bus of nominal voltage `v_n` [V]."""
+        return v_n * (1.0 - 1.0 / self.k_dr) if self.k_dr > 0.0 else v_n
+
     def build(self, net: Any, name: str, ship: Any) -> None:
         """Wire the item into the network."""
         bus = ship.bus(self.bus)

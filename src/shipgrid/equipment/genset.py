@@ -13,6 +13,7 @@ The local load is a resistance at the terminals and counts in the genset's own m
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.components.sources.synchronous_generator import SynchronousGenerator, derive
@@ -213,6 +214,12 @@ class Genset:
         """Refuse a machine block that says the rating again, or differently, and reactances out of order."""
         refuse_other(self, "machine", (("S_n", "rating"), ("v_n", "v_n"), ("f_n", "f_n"), ("H", "inertia_H")))
         derive(self.machine)
+
+    @property
+    def subtransient_inductance(self) -> float:
+        """Inductance [H] that its machine shows to fast changes: the mean of both axes' subtransient reactances."""
+        z = self.v_n**2 / self.rating
+        return 0.5 * (self.machine.X_d2 + self.machine.X_q2) * z / (2.0 * math.pi * self.f_n)
 
     def build(self, net, name, ship):
         """Wire the genset; its terminals are the AC bus `<name>.terminals`."""

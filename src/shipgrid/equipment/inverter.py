@@ -21,7 +21,19 @@ from shipgrid.automation.ac_tie import AcTie
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.grid_forming import PRESETS, GridForming
 from shipgrid.equipment.breakers import AC_CONTROL_PERIOD, trims_of
+from shipgrid.equipment.capability import (
+    ENDS,
+    FilterAtRest,
+    LoadedInverter,
+    Rated,
+    Resonance,
+    inverter_end,
+    largest_choke,
+    lowest_full_load_voltage,
+    voltage_limit,
+)
 from shipgrid.equipment.declaration import Published, block, choice, equipment, reference, switch
+from shipgrid.equipment.filter_rules import resonance_band
 from shipgrid.equipment.wiring import add_bridge, add_filter_voltage, publish_bridge_voltage
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Sampled
@@ -267,13 +279,87 @@ class Inverter:
     f_sw: Hertz = param("carrier and sampling frequency", default=1620.0, above=0.0, source="as the rectifier's")
     control: GridForming = block(GridForming)
 
+    def lcl(self, v_n: float, f_n: float) -> LclFilter:
+        """Filter and transformer of an inverter whose preset is resolved, SI.
+
+        Parameters
+        ----------
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the bar.
+        """
+        return LclFilter.per_unit(
+            self.rating, v_n, f_n, L_1=self.L_1, C=self.C, L_2=self.L_t, R_1=self.R_1, R_2=self.R_t
+        )
+
+    def end(self, v_dc: float, v_n: float, f_n: float, power_factor: float) -> LoadedInverter:
+        """The most an inverter whose preset is resolved carries of a lagging load, per unit of its rating.
+
+        Parameters
+        ----------
+        v_dc : float
+            DC voltage [V].
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the bar.
+        power_factor : float
+            cos phi of the load.
+        """
+        lcl = FilterAtRest.of(self.lcl(v_n, f_n), self.rating, v_n, f_n)
+        return inverter_end(lcl, voltage_limit(v_dc, v_n), self.control.i_max, self.control.m_q, power_factor)
+
+    def rated(self, net: Network, ship: Any) -> tuple[Rated, ...]:
+        """What it can carry at power factor 1 and at those of the loads on its bar.
+
+        Parameters
+        ----------
+        net : Network
+            The plant it is built into.
+        ship : ShipInNetwork
+            Its ship.
+        """
+        v_dc_n, grid = ship.bus(self.bus).v_n, ship.bus(self.grid)
+        lowest, chosen = lowest_full_load_voltage(ship, self.bus), self.resolved()
+        loads = {load.power_factor for load in ship.items("ac_load").values() if load.bus == self.grid}
+        rows = []
+        for power_factor in sorted({1.0, *loads}, reverse=True):
+
+            def most(item: Inverter, v_dc: float, power_factor: float = power_factor) -> LoadedInverter:
+                return item.end(v_dc, grid.v_n, grid.f_n, power_factor)
+
+            ends = [(v_dc, most(chosen, v_dc)) for v_dc in (v_dc_n, lowest)]
+            carries = tuple((v_dc, end.s * self.rating, f"by {ENDS[end.ended_by]}") for v_dc, end in ends)
+            row = Rated(self.rating, "VA", f"power factor {power_factor:g}", carries)
+            if row.short:
+
+                def enough(L_1: float, most: Any = most) -> bool:
+                    return most(dataclasses.replace(chosen, L_1=L_1), lowest).s >= 1.0
+
+                L_1 = largest_choke(enough, chosen.L_1)
+                needs = "no smaller one carries the rating"
+                if L_1 is not None:
+                    needs = f"up to {L_1:g} pu carry the rating, with gains found for them"
+                row = row._replace(remedy=f"L_1 is {chosen.L_1:g} pu; {needs}")
+            rows.append(row)
+        return tuple(rows)
+
+    def resonances(self, net: Network, ship: Any) -> tuple[Resonance, ...]:
+        """Where its filter resonates on a stiff bar.
+
+        Parameters
+        ----------
+        net : Network
+            The plant it is built into.
+        ship : ShipInNetwork
+            Its ship.
+        """
+        grid = ship.bus(self.grid)
+        f_res = self.resolved().lcl(grid.v_n, grid.f_n).f_res
+        return (Resonance(f_res, *resonance_band(grid.f_n, self.f_sw), "a stiff voltage"),)
+
     def build(self, net: Network, name: str, ship: Any) -> None:
         """Place bridge, filter, control, sequence and meter, and publish."""
         bus, grid = ship.bus(self.bus), ship.bus(self.grid)
         chosen = self.resolved()
-        lcl = LclFilter.per_unit(
-            self.rating, grid.v_n, grid.f_n, L_1=chosen.L_1, C=self.C, L_2=self.L_t, R_1=self.R_1, R_2=self.R_t
-        )
+        lcl = chosen.lcl(grid.v_n, grid.f_n)
         control = dataclasses.replace(
             chosen.control,
             S_n=self.rating,

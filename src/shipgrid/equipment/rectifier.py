@@ -23,8 +23,20 @@ from typing import Any
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.controllers.blocks.ramp import ramp
 from shipgrid.controllers.rectifier_control import RectifierControl
+from shipgrid.equipment.capability import (
+    ENDS,
+    Carried,
+    FilterAtRest,
+    Rated,
+    RectifierLimits,
+    Resonance,
+    largest_choke,
+    voltage_limit,
+)
 from shipgrid.equipment.declaration import Command, Published, as_in, block, choice, equipment, reference, refuse_other
+from shipgrid.equipment.filter_rules import REACTIVE_POWER, RIPPLE, inductance_for_ripple, resonance_band
 from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
+from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Sampled
 from shipgrid.model.ops import absolute, hypot, maximum, minimum
@@ -34,6 +46,8 @@ L_1_PAPER = 1.29
 L_1_PRESETS = {"paper": L_1_PAPER, "phase_voltage_rule": 0.742, "compact": 0.129}
 """Converter-side inductance [pu of the rectifier's own rating]: as printed; by the sizing rule it follows,
 L_1 = V_dc / (6 f_sw dI), with the phase voltage where the printed value has the line-to-line one; a tenth of it."""
+DESIGN_RULES = "design_rules"
+"""The filter preset that follows from rules (`equipment/filter_rules.py`) and the ratings, not from printed values."""
 
 OFF, SYNCHRONISING, CONNECTED, WAITING, UNLOADING, BLOCKED, PRECHARGING = range(7)
 STATES = {
@@ -256,7 +270,20 @@ class Rectifier:
         at_least=0.0,
         source="typical; with drive and inverter 17 mF a side, which the droop loop needs",
     )
-    lcl_preset: str = choice("converter-side inductance", *L_1_PRESETS, "custom", default="paper")
+    lcl_preset: str = choice(
+        "converter-side inductance; `design_rules` has it and C from the ratings, docs/theory/converters.md",
+        *L_1_PRESETS,
+        DESIGN_RULES,
+        "custom",
+        default="paper",
+    )
+    ripple: Ratio = param(
+        "largest ripple of the converter's current over its rated peak, peak to peak, of the preset `design_rules`",
+        default=RIPPLE,
+        above=0.0,
+        below=1.0,
+        source="design choice: docs/theory/converters.md",
+    )
     L_1: PerUnit = param(
         "converter-side inductance of the preset `custom`",
         default=L_1_PAPER,
@@ -290,6 +317,11 @@ class Rectifier:
         )
         refuse_other(self, "control", (*owners, ("V_n", "source"), ("f_n", "source"), ("V_dc_n", "bus")))
         refuse_other(self, "sequence", (("v_n", "source"),))
+        for key, read_with in (("L_1", ("custom",)), ("ripple", (DESIGN_RULES,)), ("C", (*L_1_PRESETS, "custom"))):
+            said = getattr(self, key)
+            if self.lcl_preset not in read_with and said != getattr(Rectifier, key):
+                word = f"set by lcl_preset: {self.lcl_preset}" if key != "ripple" else f"read with {DESIGN_RULES} only"
+                raise ParameterError(f"rectifier.{key} = {said:g} is {word}, expected lcl_preset: {read_with[-1]}")
 
     def outer_loops(self) -> dict[str, float]:
         """Droops and gains of the outer loops in the reading of the paper that is chosen.
@@ -304,25 +336,153 @@ class Rectifier:
             "K_e": self.ac_droop if self.q_ref == "over_droop" else 1.0 / self.ac_droop,
         }
 
-    def build(self, net: Any, name: str, ship: Any) -> None:
-        """Wire the item into the network."""
-        bus, terminals = ship.bus(self.bus), net.bus(f"{self.source}.terminals")
-        L_1 = L_1_PRESETS.get(self.lcl_preset, self.L_1)
-        lcl = LclFilter.per_unit(
-            self.rating, terminals.v_n, terminals.f_n, L_1, self.C, self.L_2, self.R_1, self.R_2, self.damping, self.R_p
-        )
-        control = dataclasses.replace(
+    def per_unit_filter(self, v_n: float, f_n: float, v_dc_n: float) -> tuple[float, float]:
+        """Converter-side inductance and capacitance of its filter [pu of the rating].
+
+        Parameters
+        ----------
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the AC side.
+        v_dc_n : float
+            Nominal DC voltage [V].
+        """
+        if self.lcl_preset == DESIGN_RULES:
+            L_1 = inductance_for_ripple(self.ripple, v_dc_n, self.f_sw, self.rating, v_n)
+            return 2.0 * math.pi * f_n * L_1 * self.rating / v_n**2, REACTIVE_POWER
+        return L_1_PRESETS.get(self.lcl_preset, self.L_1), self.C
+
+    def lcl(self, v_n: float, f_n: float, v_dc_n: float) -> LclFilter:
+        """Its filter, SI.
+
+        Parameters
+        ----------
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the AC side.
+        v_dc_n : float
+            Nominal DC voltage [V].
+        """
+        L_1, C = self.per_unit_filter(v_n, f_n, v_dc_n)
+        return LclFilter.per_unit(self.rating, v_n, f_n, L_1, C, self.L_2, self.R_1, self.R_2, self.damping, self.R_p)
+
+    def fitted_control(self, v_n: float, f_n: float, v_dc_n: float) -> RectifierControl:
+        """Its control with ratings, filter and droops filled in; gains of the current scaled with L_1.
+
+        Parameters
+        ----------
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the AC side.
+        v_dc_n : float
+            Nominal DC voltage [V].
+        """
+        lcl, (L_1, _) = self.lcl(v_n, f_n, v_dc_n), self.per_unit_filter(v_n, f_n, v_dc_n)
+        return dataclasses.replace(
             self.control,
             S_n=self.rating,
-            V_n=terminals.v_n,
-            f_n=terminals.f_n,
-            V_dc_n=bus.v_n,
+            V_n=v_n,
+            f_n=f_n,
+            V_dc_n=v_dc_n,
             L_1=lcl.L_1,
             R_d=lcl.R_d,
             K_p=self.control.K_p * L_1 / L_1_PAPER,
             K_i=self.control.K_i * L_1 / L_1_PAPER,
             **self.outer_loops(),
         )
+
+    def limits(self, v_dc: float, v_n: float, f_n: float, v_dc_n: float, e: float = 1.0) -> RectifierLimits:
+        """What bounds it at a DC voltage; its property `end` is the most it carries.
+
+        Parameters
+        ----------
+        v_dc : float
+            DC voltage [V].
+        v_n, f_n : float
+            Nominal voltage, line to line, rms [V], and frequency [Hz] of the AC side.
+        v_dc_n : float
+            Nominal DC voltage [V].
+        e : float
+            Voltage at the source's terminals over its nominal one.
+        """
+        lcl = FilterAtRest.of(self.lcl(v_n, f_n, v_dc_n), self.rating, v_n, f_n)
+        v_lim = self.control.margin * voltage_limit(v_dc, v_n, self.control.m_max)
+        return RectifierLimits(lcl, v_lim, self.control.share, self.control.i_max, e)
+
+    def full_load_voltage(self, v_n: float) -> float:
+        """DC voltage [V] at which its droop asks for its rated current, on a bus of nominal voltage `v_n` [V]."""
+        return v_n * (1.0 - self.dc_droop)
+
+    def rated(self, net: Any, ship: Any) -> tuple[Rated, ...]:
+        """What it can carry, at nominal DC voltage and at that of its droop at full load.
+
+        Parameters
+        ----------
+        net : Network
+            The plant it is built into.
+        ship : ShipInNetwork
+            Its ship.
+        """
+        v_dc_n, terminals = ship.bus(self.bus).v_n, net.bus(f"{self.source}.terminals")
+        sides = terminals.v_n, terminals.f_n, v_dc_n
+        lowest = self.full_load_voltage(v_dc_n)
+
+        def end(item: Rectifier, v_dc: float) -> Carried | None:
+            try:
+                return item.limits(v_dc, *sides).end
+            except ParameterError:
+                return None
+
+        def said(point: Carried | None) -> str:
+            if point is None:
+                return "nothing: the DC voltage is too low"
+            return f"by {ENDS[point.ended_by]}, taking {1e-3 * point.q_ac * self.rating:.3g} kvar"
+
+        points = [(v_dc, end(self, v_dc)) for v_dc in (v_dc_n, lowest)]
+        carries = tuple((v_dc, point.p_dc * self.rating if point else 0.0, said(point)) for v_dc, point in points)
+        row = Rated(self.rating, "W", "", carries)
+        if not row.short:
+            return (row,)
+
+        def enough(item: Rectifier) -> bool:
+            found = end(item, lowest)
+            return found is not None and found.p_dc >= 1.0
+
+        L_1, C = self.per_unit_filter(*sides)
+        remedies = []
+        if self.lcl_preset != DESIGN_RULES:
+            ruled = dataclasses.replace(self, lcl_preset=DESIGN_RULES, L_1=L_1_PAPER, C=Rectifier.C)
+            if enough(ruled):
+                L_rules, _ = ruled.per_unit_filter(*sides)
+                remedies.append(f"lcl_preset: {DESIGN_RULES} carries the rating with {L_rules:.3g} pu")
+        custom = dataclasses.replace(self, lcl_preset="custom", C=C, ripple=RIPPLE)
+        most = largest_choke(lambda x: enough(dataclasses.replace(custom, L_1=x)), L_1)
+        if most is not None:
+            remedies.append(f"lcl_preset: custom with up to {most:g} pu")
+        remedy = ", ".join(remedies) or "no smaller one carries the rating: DC voltage or current limit are too low"
+        return (row._replace(remedy=f"L_1 is {L_1:.3g} pu; {remedy}"),)
+
+    def resonances(self, net: Any, ship: Any) -> tuple[Resonance, ...]:
+        """Where its filter resonates, behind the genset's subtransient reactance and on a stiff voltage.
+
+        Parameters
+        ----------
+        net : Network
+            The plant it is built into.
+        ship : ShipInNetwork
+            Its ship.
+        """
+        terminals = net.bus(f"{self.source}.terminals")
+        lcl = self.lcl(terminals.v_n, terminals.f_n, ship.bus(self.bus).v_n)
+        band = resonance_band(terminals.f_n, self.f_sw)
+        L_source = ship.item(self.source).subtransient_inductance
+        return (
+            Resonance(lcl.resonance(L_source), *band, "its source's X'', mean of both axes"),
+            Resonance(lcl.resonance(), *band, "a stiff voltage"),
+        )
+
+    def build(self, net: Any, name: str, ship: Any) -> None:
+        """Wire the item into the network."""
+        bus, terminals = ship.bus(self.bus), net.bus(f"{self.source}.terminals")
+        sides = terminals.v_n, terminals.f_n, bus.v_n
+        lcl, control = self.lcl(*sides), self.fitted_control(*sides)
         net.capacitance(bus, self.C_dc)
 
         states = {f"{x}_{axis}": f"{name}.lcl.{axis}.{x}" for x in ("v_c", "i_1", "i_2") for axis in ("alpha", "beta")}

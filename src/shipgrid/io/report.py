@@ -21,7 +21,7 @@ from shipgrid.analysis.requirements import Verdict
 from shipgrid.io.one_line import one_line
 from shipgrid.io.panels import POINTS, bars_of, panels_of
 from shipgrid.io.waves import windows_of
-from shipgrid.scenarios.results import Results
+from shipgrid.scenarios.results import AT_LIMIT, Results
 
 JOULE_PER_KWH = 3.6e6
 ENERGY = {
@@ -77,7 +77,7 @@ def render(run: Results) -> str:
     environment = jinja2.Environment(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
     )
-    environment.filters.update(si=si, seconds=seconds, instant=instant, clock=clock, limits=limits)
+    environment.filters.update(si=si, seconds=seconds, instant=instant, clock=clock, limits=limits, percent=percent)
     template = environment.from_string(package.joinpath("templates/report.html.j2").read_text(encoding="utf-8"))
     panels = panels_of(run)
     end = max((p["time"][-1] for p in panels), default=0.0)
@@ -103,6 +103,7 @@ def render(run: Results) -> str:
         energy=energy_table(run.summary.get("energy") or {}),
         events_shown=EVENTS_SHOWN,
         by_source=by_source(run.requirements),
+        at_limit=percent(AT_LIMIT),
         provenance=provenance(run),
         settings=settings_text(run),
         uplot=static.joinpath("uPlot.iife.min.js").read_text(encoding="utf-8"),
@@ -298,6 +299,21 @@ def si(value: float | None, unit: str) -> str:
         if abs(value) >= size:
             return f"{value / size:.4g} {prefix}{unit}"
     return f"{value:.4g} {unit}"
+
+
+def percent(value: float) -> str:
+    """A share as people say it: `44.1 %`, `0.024 %`, `< 0.01 %`.
+
+    Parameters
+    ----------
+    value : float
+        0 to 1; a dash where it is not a number.
+    """
+    if not math.isfinite(value):
+        return "–"
+    if value < 1e-4:
+        return "< 0.01 %"
+    return f"{100.0 * value:.3g} %" if value >= 0.01 else f"{100.0 * value:.2g} %"
 
 
 def seconds(value: float | None) -> str:

@@ -277,6 +277,11 @@ class ShipInNetwork:
         return self.ship.items(kind)
 
     @property
+    def equipment(self) -> Mapping[str, Any]:
+        """All plant items, by name; the hull is not among them."""
+        return self.ship.equipment
+
+    @property
     def hull(self) -> Any:
         """The hull."""
         return self.ship.hull

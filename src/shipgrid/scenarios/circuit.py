@@ -40,7 +40,7 @@ from shipgrid.model.network import Network
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import At, seconds, timeline
 from shipgrid.scenarios.results import Event, Limiter, bibliography
-from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_rows, provenance
+from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_meaning, limiter_rows, provenance
 from shipgrid.scenarios.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -297,7 +297,7 @@ class CircuitRun:
     events : list of Event
         What happened: time [s], source, text.
     limiters : list of Limiter
-        Which limiters acted.
+        Which limiters acted, and in what share of the time.
     energy : dict
         Energy [J] by component path in the ledgers `sources`, `consumers`, `losses` and `stored` (its change).
     energy_balance_error : float
@@ -312,7 +312,8 @@ class CircuitRun:
         self._time, self._layers = memory.arrays()
         self.end = run.work
         self.events = sorted((Event(*row) for row in run.events), key=lambda e: e.time)
-        self.limiters = [Limiter(*row) for row in limiter_rows(run)]
+        length = run.t - float(self._time[0])
+        self.limiters = [Limiter.of(row, length, limiter_meaning(plan, row[0])) for row in limiter_rows(run)]
         self.energy, self.energy_balance_error = energy_balance(run.plan, run.work, before)
         self.failure = run.failure
 

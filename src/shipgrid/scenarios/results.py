@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import re
 import shutil
 import tempfile
@@ -47,13 +48,53 @@ class Event(NamedTuple):
     text: str
 
 
+AT_LIMIT = 0.01
+"""Share of a run's time from which a limiter that acted is named after the run: what it holds runs at its limit."""
+
+
 class Limiter(NamedTuple):
-    """A limiter that acted: its signal, when first [s], for how long in total [s], and how many times."""
+    """A limiter that acted.
+
+    Attributes
+    ----------
+    signal : str
+        Path of the output that is 1 while it acts.
+    first_s, duration_s : float
+        When it first acted, and for how long in total [s].
+    times : int
+        How many times it came on.
+    share : float
+        Share of the run's time, 0 to 1; not a number for a run without a length.
+    meaning : str
+        While what it acts, as the component declares it; empty if the run has no summary yet.
+    """
 
     signal: str
     first_s: float
     duration_s: float
     times: int
+    share: float
+    meaning: str = ""
+
+    @property
+    def long(self) -> bool:
+        """Whether it acted for at least `AT_LIMIT` of the time."""
+        return self.share >= AT_LIMIT
+
+    @classmethod
+    def of(cls, row: tuple[str, float, float, int], length: float, meaning: str = "") -> Limiter:
+        """A limiter from its row in the log.
+
+        Parameters
+        ----------
+        row : (str, float, float, int)
+            Signal, first time [s], duration [s], how many times.
+        length : float
+            Simulated time [s] of the run.
+        meaning : str
+            While what it acts.
+        """
+        return cls(*row, row[2] / length if length > 0.0 else math.nan, meaning)
 
 
 class Results:
@@ -247,8 +288,24 @@ class Results:
 
     @cached_property
     def limiters(self) -> list[Limiter]:
-        """Which limiters acted, when first, how long and how often."""
-        return [Limiter(*row) for row in self._rows("limiters", ("signal", "first_s", "duration_s", "count"))]
+        """Which limiters acted, when first, how long, how often and in what share of the time; the longest first."""
+        meanings = {row["signal"]: row.get("meaning", "") for row in self.summary.get("limiters", ())}
+        rows = self._rows("limiters", ("signal", "first_s", "duration_s", "count"))
+        found = [Limiter.of(row, self._length, meanings.get(row[0], "")) for row in rows]
+        return sorted(found, key=lambda limiter: -limiter.duration_s)
+
+    @property
+    def at_limit(self) -> list[Limiter]:
+        """Limiters that acted for at least `AT_LIMIT` of the time, the longest first."""
+        return [limiter for limiter in self.limiters if limiter.long]
+
+    @property
+    def _length(self) -> float:
+        """Simulated time [s]: the summary's, or that of the last row while there is none."""
+        if "simulated_s" in self.summary:
+            return float(self.summary["simulated_s"])
+        groups = [self._file[name] for name in set(self._where.values())]
+        return max((float(group["time"][-1]) for group in groups if len(group["time"])), default=0.0)
 
     def _rows(self, table: str, columns: Iterable[str]) -> list[tuple]:
         if table not in self._file.groups:

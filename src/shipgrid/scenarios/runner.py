@@ -31,7 +31,9 @@ from shipgrid.assembly.weave import stored_energy, woven_name
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
+from shipgrid.model.component import fields_of, type_of
 from shipgrid.model.network import FIDELITIES, Network
+from shipgrid.model.records import size_of
 from shipgrid.names import checked
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.events import seconds
@@ -58,7 +60,7 @@ from shipgrid.scenarios.output_folder import (
 from shipgrid.scenarios.outside import Outside, as_lines, merged_commands, read_outside
 from shipgrid.scenarios.parts import Groups, parts_wanted
 from shipgrid.scenarios.recorder import Column
-from shipgrid.scenarios.results import Results, citation_keys, open_results
+from shipgrid.scenarios.results import Limiter, Results, citation_keys, open_results
 from shipgrid.scenarios.row_log import RowLog, make_results
 from shipgrid.scenarios.solver_events import SolverEvents
 from shipgrid.scenarios.timeline import TIMELINE, Timeline
@@ -558,7 +560,7 @@ def _conclude(
         "interrupted": run.interrupted,
         "continued_at_s": kept["continued_at_s"],
         "failure": run.failure,
-        "limiters": [{"signal": s, "first_s": t, "duration_s": d, "count": c} for s, t, d, c in limiters],
+        "limiters": [_limiter_entry(plan, row, run.t) for row in limiters],
         "timeline": [outcome.as_dict() for outcome in outcomes],
         **about,
     }
@@ -737,6 +739,33 @@ def limiter_rows(run: Run) -> list[tuple[str, float, float, int]]:
         for path, (total, first, count) in zip(run.plan.limiter_paths, times, strict=True)
         if count > 0
     ]
+
+
+def limiter_meaning(plan: Plan, path: str) -> str:
+    """While what a limiter acts, from the declaration of its signal: "1 while the current limit acts".
+
+    Parameters
+    ----------
+    plan : Plan
+        The plant.
+    path : str
+        One of its `limiter_paths`.
+    """
+    for placed in plan.network.placed.values():
+        name = path.removeprefix(f"{placed.path}.")
+        if name != path and size_of(type_of(placed.item).output):
+            for declared in fields_of(type_of(placed.item).output):
+                if declared.name == name:
+                    return declared.signal.description.removeprefix("1 while ")
+    return ""
+
+
+def _limiter_entry(plan: Plan, row: tuple[str, float, float, int], length: float) -> dict[str, Any]:
+    """A limiter as `summary.json` has it."""
+    limiter = Limiter.of(row, length, limiter_meaning(plan, row[0]))
+    entry = {"signal": limiter.signal, "first_s": limiter.first_s, "duration_s": limiter.duration_s}
+    share = limiter.share if math.isfinite(limiter.share) else None
+    return entry | {"count": limiter.times, "share": share, "meaning": limiter.meaning}
 
 
 def command_text(ship: Any, path: str, value: float) -> str:

@@ -149,4 +149,15 @@ class LclFilter:
     @property
     def f_res(self) -> float:
         """Resonance frequency of the undamped filter between two stiff voltages [Hz]."""
-        return math.sqrt((self.L_1 + self.L_2) / (self.L_1 * self.L_2 * self.C)) / (2.0 * math.pi)
+        return self.resonance()
+
+    def resonance(self, L_source: float = 0.0) -> float:
+        """Resonance frequency of the undamped filter [Hz], on an AC side that is not stiff.
+
+        Parameters
+        ----------
+        L_source : float
+            Inductance of the AC side [H].
+        """
+        L_2 = self.L_2 + L_source
+        return math.sqrt((self.L_1 + L_2) / (self.L_1 * L_2 * self.C)) / (2.0 * math.pi)
