@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from shipgrid.components.marine import propeller
 from shipgrid.components.marine.propeller import (
@@ -172,6 +173,82 @@ def test_pitch_correction_brings_series_and_polynomials_together():
         uncorrected = first_quadrant("T", ends, P_D, 0.75, 5.0) - four_quadrants("T", ends, 1.0, 0.75, 5.0)
         found = mismatch(P_D, 0.75, 5.0)[0]
         assert found < min(apart, np.abs(uncorrected).max() / 6.0)
+
+
+def test_mirrored_screw_is_the_one_facing_astern_with_the_flow_and_half_of_each_against_it():
+    with_the_flow = np.radians(np.linspace(0.0, 90.0, 181))
+    against_it = np.radians(np.linspace(110.0, 170.0, 121))
+    for c in "TQ":
+        astern, ahead = (characteristic(c, against_it, facing, **FERRY) for facing in (1.0, -1.0))
+        assert characteristic(c, against_it, 0.0, **FERRY) == pytest.approx(0.5 * (astern + ahead), abs=1e-12)
+        assert characteristic(c, with_the_flow, 0.0, **FERRY) == pytest.approx(
+            characteristic(c, with_the_flow, 1.0, **FERRY), abs=1e-12
+        )
+    # docs/theory/propulsion.md, to the digits there
+    found = [characteristic("T", np.radians([150.0]), ends, **FERRY)[0] for ends in (0.0, 1.0, -1.0)]
+    assert found == pytest.approx([-0.432, -0.372, -0.492], abs=5e-4)
+
+
+def test_two_mirrored_screws_brake_as_two_tested_ones_that_face_outwards():
+    # ship going ahead, screws reversed, as on the way to a stop: from a fifth of the tip speed down to nearly at rest
+    screws = {ends: Propeller(**FERRY, ends=ends) for ends in (0.0, 1.0, -1.0)}
+    for v_a, omega_m in [(3.9, -5.0), (2.0, -10.0), (1.5, -16.0), (0.9, -8.0)]:
+        mirrored, astern, ahead = (np.array(forces(screw, omega_m, v_a)) for screw in screws.values())
+        assert 2.0 * mirrored == pytest.approx(astern + ahead, rel=1e-4)  # twice the error of the table
+
+
+@pytest.mark.parametrize("ends", [0.0, 1.0, -1.0])
+def test_run_is_told_where_the_open_water_diagram_does_not_reach(ends):
+    p, tables = parameter_record(Propeller(**FERRY, ends=ends))
+    at_zero = math.degrees(zero_thrust(0.9, 0.75, 5.0))
+    blends = {1.0: [(-10.0, at_zero + 10.0)], -1.0: [(170.0, at_zero + 190.0)]}
+    blends[0.0] = blends[1.0] + blends[-1.0]
+    y = make_record(propeller.Output)
+    for beta in np.arange(-179.5, 180.0):
+        inside = any(low < angle < high for low, high in blends[ends] for angle in (beta, beta + 360.0))
+        v_tip, v_a = math.cos(math.radians(beta)), math.sin(math.radians(beta))
+        u = make_record(propeller.Input, {"omega_m": v_tip / 0.4375, "v_a": v_a})
+        propeller.outputs(u, p, y, tables)
+        assert y.beyond == (0.0 if inside else 1.0), beta
+    propeller.outputs(make_record(propeller.Input, {"omega_m": 0.0, "v_a": 0.0}), p, y, tables)
+    assert y.beyond == 0.0
+
+
+@pytest.mark.parametrize(("Z", "A_E", "P_D"), [row[:3] for row in TESTED])
+def test_every_tested_propeller_brakes_less_reversed_than_turned_round(Z, A_E, P_D):
+    # the trailing edge leads in the second quadrant, the leading edge in the fourth: a fifth to two fifths more there
+    reversed_, turned_round = (characteristic("T", np.radians([150.0]), ends, P_D, A_E, Z)[0] for ends in (1.0, -1.0))
+    assert 1.2 < turned_round / reversed_ < 1.45
+    # in both, braking falls before v_a = 0: water thrown against the stream comes back as a ring. It is no ripple of
+    # one fit: every propeller has it, at the same angle
+    beta = np.radians(np.arange(150.0, 180.5, 0.5))
+    for ends in (1.0, -1.0):
+        braking = -characteristic("T", beta, ends, P_D, A_E, Z)
+        least = int(np.argmin(braking))
+        assert 166.0 < math.degrees(beta[least]) < 175.0
+        assert braking[least] < 0.96 * braking[-1]  # 0.71 to 0.954
+
+
+def idling(screw: Propeller, v_a: float) -> float:
+    """Shaft speed [rad/s] at which the stream turns a screw without torque."""
+    return brentq(lambda omega_m: forces(screw, omega_m, v_a)[1], 0.3 * v_a / screw.D, 12.0 * v_a / screw.D)
+
+
+def test_idle_screw_turns_a_little_faster_than_its_pitch_and_drags_little():
+    for ends in (0.0, 1.0):
+        screw = Propeller(**FERRY, ends=ends)
+        for v_a in (0.5, 2.36, 5.0):
+            omega_m = idling(screw, v_a)
+            J_adv = v_a * 2.0 * math.pi / (omega_m * screw.D)
+            # KT is zero at 0.955, KQ beyond: half the blend beyond the diagram, so the polynomials still say most of it
+            assert J_adv == pytest.approx(1.03, abs=0.02)
+            more, less = (forces(screw, k * omega_m, v_a)[1] for k in (1.05, 0.95))
+            assert more > 0.0 > less  # the water holds it there
+            drag, locked = -forces(screw, omega_m, v_a)[0], -forces(screw, 0.0, v_a)[0]
+            assert 0.05 < drag / locked < 0.15  # a tenth or so of that of a locked screw
+            # locked, blades of 0.75 of the disc lie nearly across the stream: a plate there has 1.1 to 1.2
+            plate = locked / (0.5 * screw.rho * v_a**2 * 0.25 * math.pi * screw.D**2 * screw.A_E)
+            assert 1.05 < plate < 1.25
 
 
 def test_standstill_gives_no_force_and_a_stopped_screw_is_a_brake():

@@ -208,8 +208,37 @@ def test_cruise_control_takes_over_from_what_ship_and_shaft_do():
 def test_shaft_speed_follows_the_root_of_the_demand(n):
     y_0 = ShipSpeed().y_0
     y = ship_speed.demand.py_func(np.float64(n), y_0)
-    assert y * math.sqrt((1.0 + y_0) / (abs(y) + y_0)) == pytest.approx(n, rel=1e-9, abs=1e-15)
-    assert abs(y) == pytest.approx(n * n, abs=0.03)  # beside a share of thrust: at most (1 + y_0) y_0
+    assert y * ((1.0 + y_0**2) / (y**2 + y_0**2)) ** 0.25 == pytest.approx(n, rel=1e-9, abs=1e-15)
+    assert abs(y) == pytest.approx(n * n, abs=0.3 * y_0)  # a share of thrust: t - t^2 / sqrt(1 + t^2) is 0.3 at most
+
+
+def test_shaft_speed_is_in_proportion_to_a_small_demand_and_with_a_large_y_0_to_all():
+    y_0 = ShipSpeed().y_0
+    slope = ship_speed.demand.py_func(np.float64(1e-6), y_0) / 1e-6
+    assert 1.0 / slope == pytest.approx(1.0 / math.sqrt(y_0), rel=2e-3)  # ((1 + y_0^2) / y_0^2)^(1/4)
+    assert ship_speed.demand.py_func(np.float64(0.4), 1e9) == pytest.approx(0.4)  # the published controller
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_integrator_is_held_while_the_torque_limit_keeps_the_shaft_from_its_reference(way):
+    sailing = {"speed.i": way * 0.2, "u_ramp": way * 3.0, "u_lag": way * 3.0}
+    slow = {"speed_ref": way * 3.0, "u_ship": way * 2.0, "omega_pu": way * 0.3, "torque_limited": 1.0}
+    held, y = cruise(5.0, sailing, **slow)
+    assert held.speed.i == way * 0.2
+    assert y.n_ref * way > 0.3  # which the proportional part still asks for
+    freed, _ = cruise(5.0, sailing, **slow | {"torque_limited": 0.0})
+    assert freed.speed.i * way > 0.2 + 0.1
+    # too fast already, with the shaft still short of its reference: it gives way
+    back, _ = cruise(5.0, sailing | {"speed.i": way * 0.5}, **slow | {"u_ship": way * 3.2})
+    assert back.speed.i * way < 0.5 - 0.03
+
+
+def test_integrator_leaks_where_the_ship_is_to_lie_still_and_not_on_the_way_through_rest():
+    passing = {"speed.i": -0.2, "u_ramp": 0.0, "u_lag": 0.0}
+    still, _ = cruise(1.0, passing, speed_ref=0.0)
+    assert still.speed.i == pytest.approx(-0.2 * math.exp(-1.0 / ShipSpeed().T_leak), rel=1e-3)
+    going, _ = cruise(1e-3, passing, speed_ref=-knots(6.0))
+    assert going.speed.i == pytest.approx(-0.2, abs=1e-5)
 
 
 def test_two_integrators_are_drawn_together_only_while_both_are_on():

@@ -12,7 +12,7 @@ from shipgrid.assembly.partition import divide
 from shipgrid.cli.listing import table
 from shipgrid.cli.parts import show_parts
 from shipgrid.components.marine.hull import Hull
-from shipgrid.components.marine.propeller import Propeller, mismatch, stand_in
+from shipgrid.components.marine.propeller import Propeller, characteristic, mismatch, stand_in
 from shipgrid.components.marine.wind_and_waves import WindAndWaves
 from shipgrid.equipment.capability import Rated, Resonance
 from shipgrid.io.report import si
@@ -23,6 +23,11 @@ from shipgrid.model.records import parameter_record
 from shipgrid.solvers.companion import state_space
 from shipgrid.solvers.topology import islands
 from shipgrid.units import KNOT
+
+SORTS = {0.0: "mirrored", 1.0: "facing astern", -1.0: "facing ahead"}
+"""Which way a screw faces, by `ends` of the propeller."""
+AGAINST_THE_FLOW = np.radians([150.0])
+"""An angle beta at which screws that stop a ship work; in the middle of where the sorts differ."""
 
 
 def explain_ship(ship: Any, step: float) -> None:
@@ -157,21 +162,27 @@ def _water(network: Network) -> None:
     screws, rows = {}, []
     for path, item in items.items():
         if isinstance(item, Propeller):
-            screws.setdefault((item.P_D, item.A_E, item.Z), []).append(path)
+            screws.setdefault((item.P_D, item.A_E, item.Z, item.ends), []).append(path)
         elif isinstance(item, Hull):
             points = ", ".join(f"{R / 1e3:.4g} kN at {u / KNOT:.4g} kn" for u, R in item.resistance)
             rows.append((path, f"resistance {points}; by the square of speed beyond half the first and twice the last"))
         elif isinstance(item, WindAndWaves):
             limit = f"head sea up to {parameter_record(item)[0].H_max:.3g} m"
             rows.append((path, f"wind on {item.A_T:g} m2 with C_x {item.C_x:g}; {limit}"))
-    for shape, paths in screws.items():
+    for (*shape, ends), paths in screws.items():
         P_D, A_E, Z = shape
         (blades, area), pitch = stand_in(*shape)
         apart = "{:.4f} in CT*, {:.4f} in CQ*".format(*mismatch(*shape))
         series = (
             f"four quadrants by B{blades:g}-{100 * area:g}, P/D {pitch:g}, {apart} off the polynomials at the joins"
         )
-        rows.append((", ".join(paths), f"B{Z:g}-{100 * A_E:g}, P/D {P_D:g}; {series}"))
+        braking = {facing: float(characteristic("T", AGAINST_THE_FLOW, facing, *shape)[0]) for facing in SORTS}
+        against = (
+            f"against the flow CT* {braking[ends]:.3f} at beta 150 degrees"
+            f" (facing astern {braking[1.0]:.3f}, facing ahead {braking[-1.0]:.3f})"
+        )
+        which = f"B{Z:g}-{100 * A_E:g}, P/D {P_D:g}, {SORTS[ends]}"
+        rows.append((", ".join(paths), f"{which}; {series}; {against}"))
     if rows:
         table("Screws and hull", ("component", "which is"), rows)
 

@@ -3,9 +3,9 @@
     u_ramp  follows speed_ref at `rate`                                             (1)
     u_lag   follows u_ramp with the time constant `T_lag`                           (2)
     y = PI((u_lag - u_ship) / u_n),   |y| <= 1                                      (3)
-    n_ref = y sqrt(1 + y_0) / sqrt(|y| + y_0)                                       (4)
+    n_ref = y ((1 + y_0^2) / (y^2 + y_0^2))^(1/4)                                   (4)
     di/dt = K_i e  + (i_neighbour - i) / T_share  - w i / T_leak                    (5)
-    w = max(0, 1 - |u_lag| / u_leak)
+    w = max(0, 1 - max(|u_lag|, |speed_ref|) / u_leak)
 
 (1) and (2) keep the power of acceleration below the sources' limit and the overshoot below 2 %. The published
 controller is (3) with n_ref = y. (4) and the other two terms of (5) are additions to it, each for a reason:
@@ -13,8 +13,10 @@ controller is (3) with n_ref = y. (4) and the other two terms of (5) are additio
 *Thrust.* It goes with the square of shaft speed, so that the gain of the published loop goes with the speed: with its
 gains of 3 and 1 the damping ratio falls to 0.2 at 90 rpm, and thrust swings by half of its peak when the ship leaves.
 With (4) the loop has the same gain everywhere: y is a share of the thrust at rated speed, down to `y_0`, below which
-the shaft speed is in proportion to it (a root has no slope at zero). K_i follows from a damping ratio of 0.7 with the
-published K_p (docs/decisions/0012-cruise-control.md). K_i = 1 with a y_0 far above 1 is the published controller.
+the shaft speed is in proportion to it. A root alone is infinitely steep at zero: the shaft would be thrown through
+standstill, and the motor's torque be that of its inertia (docs/decisions/0019-screws-against-the-flow.md). K_i follows
+from a damping ratio of 0.7 with the published K_p (docs/decisions/0012-cruise-control.md). K_i = 1 with a y_0 far above
+1 is the published controller.
 
 *Sharing.* Every drive has its own integrator, and all act on the one speed of the ship: what they differ by is never
 corrected. So each one's is drawn to that of its neighbour (the drives of a ship form a ring) while that is on: the
@@ -22,8 +24,11 @@ difference dies out with `T_share` and the sum is untouched. Given unequal refer
 amount instead of winding up against each other.
 
 *Leak.* The loop gain still vanishes at standstill. At zero speed nothing needs an integrator (no resistance), so it
-leaks while the reference is below `u_leak`. Against a steady force at standstill (wind) the ship holds with a slight
-creep.
+leaks while the reference is below `u_leak`, before its ramp and behind it: on the way from ahead to astern it keeps
+what it has. Against a steady force at standstill (wind) the ship holds with a slight creep.
+
+*Hold.* While the torque limit keeps the shaft from its reference, the integrator of (5) does not wind up any further in
+that direction: K_i e is left out.
 
 While the drive is off it follows the ship's and the shaft's actual speed, and takes over from there.
 
@@ -55,6 +60,7 @@ class Input:
     enabled: Ratio = signal("1 while the drive is on", initial=1.0)
     i_neighbour: Ratio = signal("integrator of the next drive in the ring", initial=0.0)
     neighbour_enabled: Ratio = signal("1 while that drive is on", initial=0.0)
+    torque_limited: Ratio = signal("1 while the torque limit of the drive acts", initial=0.0)
 
 
 class Output:
@@ -65,9 +71,8 @@ class Output:
 @kernel
 def demand(n, y_0):
     """What gives the shaft speed `n` by (4)."""
-    share = n * n / (1.0 + y_0)
-    size = 0.5 * (share + np.sqrt(share * (share + 4.0 * y_0)))
-    return size if n.real >= 0.0 else -size
+    rated, share = 1.0 + y_0 * y_0, n * n
+    return n * np.sqrt((share + np.sqrt(share * share + 4.0 * rated * y_0 * y_0)) / (2.0 * rated))
 
 
 @kernel
@@ -77,8 +82,11 @@ def update(dt, x: State, u: Input, p: ShipSpeed, x_next: State, y: Output):
         x_next.u_lag = low_pass(x_next.u_ramp, x.u_lag, 1.0 / p.T_lag, dt)  # (2)
         e = (x_next.u_lag - u.u_ship) / p.u_n
         thrust = pi(e, 0.0, p.K_p, p.K_i, -1.0, 1.0, dt, x.speed, x_next.speed)  # (3)
-        y.n_ref = thrust * np.sqrt((1.0 + p.y_0) / (absolute(thrust) + p.y_0))  # (4)
-        leak = maximum(0.0, 1.0 - absolute(x_next.u_lag) / p.u_leak) / p.T_leak
+        y.n_ref = thrust * np.sqrt(np.sqrt((1.0 + p.y_0 * p.y_0) / (thrust * thrust + p.y_0 * p.y_0)))  # (4)
+        aim = maximum(absolute(x_next.u_lag), absolute(u.speed_ref))
+        leak = maximum(0.0, 1.0 - aim / p.u_leak) / p.T_leak
+        if u.torque_limited.real > 0.5 and (e * (y.n_ref - u.omega_pu)).real > 0.0:
+            x_next.speed.i = x.speed.i
         share = (u.i_neighbour - x.speed.i) / p.T_share if u.neighbour_enabled.real > 0.5 else 0.0 * x.speed.i
         x_next.speed.i += dt * (share - leak * x.speed.i)  # (5)
         y.limited = 1.0 if absolute(thrust).real >= 1.0 else 0.0
@@ -100,9 +108,9 @@ class ShipSpeed:
     )
     y_0: Ratio = param(
         "demand, as a share of thrust at rated speed, below which shaft speed is in proportion to it",
-        default=0.02,
+        default=0.05,
         above=0.0,
-        source="chosen: 0.02 to 0.05 tried; far above 1 it is the published controller",
+        source="0.03 to 0.15 tried: docs/decisions/0019-screws-against-the-flow.md; published: far above 1",
     )
     u_n: MetrePerSecond = param(
         "ship speed that is 1 pu", default=10.0 * KNOT, above=0.0, source="10 kn, [DAgostino2020] table A1"

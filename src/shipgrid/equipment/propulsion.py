@@ -26,7 +26,7 @@ from shipgrid.equipment.declaration import Command, Published, as_in, block, cho
 from shipgrid.equipment.hull import T_MARINE
 from shipgrid.equipment.wiring import publish_switching
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network
+from shipgrid.model.network import Delayed, Every, Network
 from shipgrid.model.ops import clip
 from shipgrid.modulators.averaged import DirectBridge
 from shipgrid.modulators.hysteresis import HysteresisBridge
@@ -139,7 +139,8 @@ class Propulsion:
         "shaft efficiency", default=0.98, above=0.0, at_most=1.0, source="[DAgostino2020] table A1"
     )
     ends: str = choice(
-        "mirrored: one diagram for both ends and directions; fixed_pitch_outwards: screw in its own axes, see faces",
+        "mirrored: one diagram for both ends and directions, against the flow half of a pair that faces outwards; "
+        "fixed_pitch_outwards: the tested screw in its own axes, see faces: for ordinary screws, which face aft, too",
         "mirrored",
         "fixed_pitch_outwards",
         default="mirrored",
@@ -166,7 +167,12 @@ class Propulsion:
             inputs={"on": net.command(f"{name}.on"), "v_dc": v_dc},
             clock=Every(10e-3),
         )
-        cruise = {"speed_ref": net.command(f"{name}.speed_ref"), "omega_pu": omega_pu, "enabled": enabled}
+        cruise = {
+            "speed_ref": net.command(f"{name}.speed_ref"),
+            "omega_pu": omega_pu,
+            "enabled": enabled,
+            "torque_limited": Delayed(f"{name}.speed.torque_limited"),
+        }
         water = {}
         if ship.hull is not None:
             cruise["u_ship"] = "hull.surge.u_ship"

@@ -12,15 +12,23 @@ with n = omega_m / 2 pi in revolutions per second. CT* and CQ* are one smooth pe
   screw's pitch by the difference that B4-70 shows between the two pitches: it alone was tested at several, 0.5 to 1.4.
   For the ferry's B5-75 with P/D 0.9 that is B5-75 with P/D 1.0 and that difference. Where polynomials and series join
   they are 0.0045 apart in CT*, 0.0009 in CQ* (`mismatch`; without the difference 0.030 and 0.0070; the tested B5-75
-  itself 0.0038 and 0.0002). How well this does at crash-stop angles is unknown;
+  itself 0.0038 and 0.0002);
 - the two blend over 10 degrees beyond each end of the polynomials, by a fifth-order step (value, slope and curvature
   meet).
 
-`ends` 0, mirrored: each screw is described in the axes of travel, CT*(beta + pi) = -CT*(beta), so that thrust and
-torque turn round with omega_m and v_a together. The table is made so by blending the tested curve into its mirror
-over 10 degrees either side of beta = +-90 degrees, where omega_m changes sign. `ends` 1 is the screw in its own axes
-facing astern, -1 facing ahead (thrust and torque still positive ahead): the bow screw of a double-ended ferry whose
-screws both face outwards.
+`ends` 1 is the screw in its own axes facing astern, -1 facing ahead (thrust and torque still positive ahead): the bow
+screw of a double-ended ferry whose screws both face outwards. While such a ship stops, one of the two works in the
+second quadrant of its own axes and the other in the fourth, and they brake differently: CT* -0.372 and -0.492 at
+beta = 150 degrees.
+
+`ends` 0, mirrored, is a screw that is the same in both directions of travel, CT*(beta + pi) = -CT*(beta):
+
+- with the flow, n v_a > 0: the screw facing astern as above, in the axes of travel;
+- against the flow, n v_a < 0: half of each of the two screws above, so that a pair brakes as two tested screws that
+  face outwards do. Between them 20 degrees beyond n = 0 and 10 degrees before v_a = 0, where one diagram for both
+  directions meets itself, by the same step.
+
+A single screw at the stern is none of these: it has `ends` 1, and brakes less than a mirrored one.
 
 The reaction of hull and flow is `u_thrust` = (1 - t_f) u_ship, the speed at which thrust does work on the ship: what
 the shaft gives and the ship does not get is lost in the water. Reynolds number of the tests (2e6); no cavitation,
@@ -40,7 +48,7 @@ import numpy as np
 
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.ops import arctan2, catmull_rom, clip
-from shipgrid.units import KilogramPerMetre3, Metre, MetrePerSecond, Newton, NewtonMetre, RadianPerSecond, Ratio
+from shipgrid.units import KilogramPerMetre3, Metre, MetrePerSecond, Newton, NewtonMetre, Radian, RadianPerSecond, Ratio
 
 POINTS = 720
 """Intervals of the table round the circle: 0.5 degrees; cubic interpolation is then within 1e-5 (tested)."""
@@ -59,10 +67,12 @@ class Output:
     thrust: Newton = signal("thrust of the screw, positive ahead, before thrust deduction")
     tau: NewtonMetre = signal("torque the screw takes from the shaft behind the hull")
     J_adv: Ratio = signal("advance ratio, shown between -2 and 2; 0 at standstill")
+    beyond: Ratio = signal("1 while the screw works beyond the open-water diagram and its blends", limiter=True)
 
 
 class Derived:
     characteristic: Ratio = signal("CT* and CQ* in turn at beta = -180 - 0.5, -180, ... 180 + 0.5 degrees")
+    beta_0: Radian = signal("angle beta at which the open-water diagram ends: KT is zero")
 
 
 @kernel
@@ -84,10 +94,23 @@ def forces(omega_m, v_a, p, tables):
 
 
 @kernel
+def beyond_diagram(omega_m, v_a, p):
+    """1 where the tested series stand alone, 0 on the open-water diagram, its blends, and at standstill."""
+    v_tip = 0.35 * p.D.real * omega_m.real
+    if v_tip == 0.0 and v_a.real == 0.0:
+        return 0.0
+    whole = math.pi if p.ends.real == 0.0 else 2.0 * math.pi  # mirrored, the diagram comes again after half a circle
+    past = arctan2(v_a.real, v_tip) + BLEND + (math.pi if p.ends.real < 0.0 else 0.0)
+    past -= whole * np.floor(past / whole)
+    return 1.0 if past > p.beta_0.real + 2.0 * BLEND else 0.0
+
+
+@kernel
 def outputs(u: Input, p: Propeller, y: Output, tables):
     y.thrust, y.tau = forces(u.omega_m, u.v_a, p, tables)
     n_D = u.omega_m / (2.0 * math.pi) * p.D
     y.J_adv = clip(u.v_a / n_D, -2.0, 2.0) if n_D.real != 0.0 else 0.0  # (4)
+    y.beyond = beyond_diagram(u.omega_m, u.v_a, p)
 
 
 @kernel
@@ -216,20 +239,23 @@ def mismatch(P_D: float, A_E: float, Z: float) -> tuple[float, float]:
 
 def characteristic(coefficient: str, beta: np.ndarray, ends: float, P_D: float, A_E: float, Z: float) -> np.ndarray:
     """CT* or CQ* over `beta` [rad], positive ahead, for the sort of `ends`."""
-    ahead = as_tested(coefficient, beta, P_D, A_E, Z)
-    turned = -as_tested(coefficient, beta + math.pi, P_D, A_E, Z)
-    if ends != 0.0:
-        return ahead if ends > 0.0 else turned
-    from_axis = np.abs((beta + math.pi) % (2.0 * math.pi) - math.pi)
-    weight = step((0.5 * math.pi + BLEND - from_axis) / (2.0 * BLEND))
-    return weight * ahead + (1.0 - weight) * turned
+    if ends > 0.0:
+        return as_tested(coefficient, beta, P_D, A_E, Z)
+    if ends < 0.0:
+        return -as_tested(coefficient, beta + math.pi, P_D, A_E, Z)
+    half_turns = np.floor(beta / math.pi)
+    beta = beta - math.pi * half_turns  # water from ahead, 0 to 180 degrees; the other half is the mirror of this one
+    turned = 0.5 * (step((beta - 0.5 * math.pi) / (2.0 * BLEND)) + step((beta - math.pi + BLEND) / BLEND))
+    astern, ahead = (characteristic(coefficient, beta, facing, P_D, A_E, Z) for facing in (1.0, -1.0))
+    return (1.0 - 2.0 * (half_turns % 2.0)) * ((1.0 - turned) * astern + turned * ahead)
 
 
-def derive(propeller: Propeller) -> dict[str, np.ndarray]:
-    """The table round the circle, with a point more at each end for the cubic."""
+def derive(propeller: Propeller) -> dict[str, float | np.ndarray]:
+    """The table round the circle, with a point more at each end for the cubic; where the diagram ends."""
     beta = -math.pi + 2.0 * math.pi / POINTS * np.arange(-1, POINTS + 2)
-    shape = (propeller.ends, propeller.P_D, propeller.A_E, propeller.Z)
-    return {"characteristic": np.stack([characteristic(c, beta, *shape) for c in "TQ"], axis=1)}
+    shape = (propeller.P_D, propeller.A_E, propeller.Z)
+    curves = [characteristic(c, beta, propeller.ends, *shape) for c in "TQ"]
+    return {"characteristic": np.stack(curves, axis=1), "beta_0": zero_thrust(*shape)}
 
 
 @component(
@@ -259,7 +285,7 @@ class Propeller(Derived):
     )
     eta_r: Ratio = param("relative rotative efficiency", default=1.026, above=0.0, source="[DAgostino2020] table A1")
     ends: Ratio = param(
-        "0 mirrored: axes of travel; 1 own axes, facing astern; -1 own axes, facing ahead",
+        "0 mirrored, half of 1 and -1 against the flow; 1 own axes, facing astern; -1 own axes, facing ahead",
         default=0.0,
         at_least=-1.0,
         at_most=1.0,
