@@ -17,7 +17,8 @@ from shipgrid.io.report import verdict
 from shipgrid.realtime.desk import MODBUS
 from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import runner
-from shipgrid.scenarios.outside import COMMANDS, read_outside
+from shipgrid.scenarios.output_folder import COMMANDS
+from shipgrid.scenarios.outside import read_outside
 
 WAITING = """\
 schema: 1

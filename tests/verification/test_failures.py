@@ -159,14 +159,14 @@ class Torque:
     tau_0: NewtonMetre = param("torque")
 
 
-def beside_a_bus(K: float = 8.0, tau: float = 2e3, K_p: float = 0.1) -> Network:
+def beside_a_bus(T_3: float = 0.2, K: float = 8.0, tau: float = 2e3, K_p: float = 0.1) -> Network:
     """A bus at rest, and a governor, a shaft and a regulator that cannot disturb it."""
     net = Network("quiet")
     bus = net.dc_bus("bus", V_N)
     net.capacitance(bus, 1e-3)
     net.conductance(bus, 0.05)
     net.add("speed", Hold(), inputs={"wanted": net.command("speed", 0.95)})
-    net.add("governor", Degov1(K=K), inputs={"omega": "speed.value", "omega_ref": 1.0}, clock=Every(0.5e-3))
+    net.add("governor", Degov1(T_3=T_3, K=K), inputs={"omega": "speed.value", "omega_ref": 1.0}, clock=Every(0.5e-3))
     net.add("motor", Torque(tau_0=tau))
     net.add("shaft", Shaft(), inputs={"tau_e": "motor.tau"})
     net.add("regulator", Regulator(K_p=K_p, K_i=20.0), inputs={"v": "bus.v_dc"}, clock=Sampled(5e3))
@@ -176,7 +176,7 @@ def beside_a_bus(K: float = 8.0, tau: float = 2e3, K_p: float = 0.1) -> Network:
 @pytest.mark.parametrize(
     ("parameter", "absurd", "named", "limit"),
     [
-        ("K", 8e9, "governor.z_2", 1e6),
+        ("T_3", 8e9, "governor.a_1", 1e6),
         ("tau", 5e7, "shaft.omega_m", 1e3),
         ("tau", 1e12, "motor.tau", 1e9),
         ("K_p", 1e9, "regulator.e", 1e6),
@@ -200,6 +200,16 @@ def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecon
         watched.n += 1
         assert watched.n < 20_000
     assert 0.0 <= run.t - watched.n * STEP <= 1e-3 + 1e-9
+
+
+def test_an_absurd_gain_of_an_integrator_keeps_it_between_its_stops():
+    plan = assemble(beside_a_bus(K=8e9), STEP)
+    run = Run(plan, new_workspace(plan))
+    go(run, None, 0.5)
+    assert not run.failure
+    throttle, z_1 = (run.work.sig[plan.layout.index[f"governor.{name}"]] for name in ("throttle", "z_1"))
+    assert -0.05 <= throttle <= 1.1
+    assert abs(z_1) < 0.05 + 0.05 * 1.1  # the error it follows: speed and droop
 
 
 def test_a_control_signal_that_is_no_number_is_seen_although_every_bus_is_well():

@@ -219,9 +219,29 @@ def _carry_legs(work: Workspace, made: Workspace) -> None:
             own.net.bridge_i0[b] = had.net.bridge_i0[k] if made.plan.h == work.plan.h else np.nan
 
 
+WATCHING = ("recorded", "n_plant", "record_every", "audit_every", "slow_every")
+"""Fields of the constants of a step that say what is recorded; the plant is the same whatever they are."""
+
+
 def same_plant(work: Workspace, plan: Plan) -> bool:
-    """Whether a workspace is one of a plan, or of a copy of it that records other signals."""
-    return work.plan.layout is plan.layout and work.plan.net is plan.net
+    """Whether a workspace fits a plan to the bit: one of it, of a copy that records other signals, or of its equal."""
+    was = work.plan
+    if was.layout is plan.layout and was.net is plan.net:
+        return True
+    if (was.h, len(was.parts)) != (plan.h, len(plan.parts)):
+        return False
+    return all(_equal(old, new) for old, new in zip(was.pieces, plan.pieces, strict=True))
+
+
+def _equal(was: Plan, now: Plan) -> bool:
+    """Whether two plans, or parts of plans, have the same types, places, parameters and constants."""
+    old, new = was.layout, now.layout
+    if [t.kind for t in old.types] != [t.kind for t in new.types] or old.slots != new.slots or old.index != new.index:
+        return False
+    constants = [(old.initial, new.initial)]
+    for before, after in ((was.net, now.net), (was.step, now.step)):
+        constants += [(getattr(before, name), getattr(after, name)) for name in before._fields if name not in WATCHING]
+    return all(np.array_equal(before, after, equal_nan=True) for before, after in constants)
 
 
 def taken_over(work: Workspace, to: Plan) -> Workspace:
