@@ -41,8 +41,9 @@ CASES: dict[str, dict[str, str]] = {
     "inverter filter of the paper": {"inverter.filter": "paper"},
     "inertia 0.17 s read as 2H": {"genset.inertia_H": "0.085 s"},
     "inertia doubled": {"genset.inertia_H": "0.34 s"},
-    "T'd0 2 s": {"genset.machine.T_d01": "2 s"},
-    "T'd0 1 s": {"genset.machine.T_d01": "1 s"},
+    "T'd0 1.5 s": {"genset.machine.T_d01": "1.5 s"},
+    "T'd0 3.5 s": {"genset.machine.T_d01": "3.5 s"},
+    "exciter 0.17 s": {"genset.exciter.T_E": "0.17 s"},
     "DC droop by reading A": {"rectifier.dc_pi": "voltage"},
 }
 """What is changed in each: keys of the items of both halves."""

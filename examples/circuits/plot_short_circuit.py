@@ -33,7 +33,7 @@ CASE = {
     "L_f": 20e-6,  # H
     "t_fault": 1e-3,  # s
     "t_end": 61e-3,  # s
-    "R_on": 2e-5,  # ohm, of a diode
+    "R_on": 2e-3,  # ohm, of a diode
 }
 
 

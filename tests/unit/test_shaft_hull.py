@@ -222,11 +222,11 @@ def test_shaft_speed_is_in_proportion_to_a_small_demand_and_with_a_large_y_0_to_
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_integrator_is_held_while_the_torque_limit_keeps_the_shaft_from_its_reference(way):
     sailing = {"speed.i": way * 0.2, "u_ramp": way * 3.0, "u_lag": way * 3.0}
-    slow = {"speed_ref": way * 3.0, "u_ship": way * 2.0, "omega_pu": way * 0.3, "torque_limited": 1.0}
+    slow = {"speed_ref": way * 3.0, "u_ship": way * 2.0, "omega_pu": way * 0.3, "all_torque": 1.0}
     held, y = cruise(5.0, sailing, **slow)
     assert held.speed.i == way * 0.2
     assert y.n_ref * way > 0.3  # which the proportional part still asks for
-    freed, _ = cruise(5.0, sailing, **slow | {"torque_limited": 0.0})
+    freed, _ = cruise(5.0, sailing, **slow | {"all_torque": 0.0})
     assert freed.speed.i * way > 0.2 + 0.1
     # too fast already, with the shaft still short of its reference: it gives way
     back, _ = cruise(5.0, sailing | {"speed.i": way * 0.5}, **slow | {"u_ship": way * 3.2})

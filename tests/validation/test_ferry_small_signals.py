@@ -59,6 +59,40 @@ def test_modes_of_the_moored_ferry_are_those_of_its_parts(moored):
     assert set(swing.participation) >= {"dc_tie.branch.i", "dc_for.v_dc", "dc_aft.v_dc"}
 
 
+@pytest.fixture(scope="module")
+def one_drive(moored):
+    """2.5 m/s on the drive fore; the one aft is off, its screw turned by the water."""
+    plan, work, _ = moored
+    work = work.snapshot()
+    work.sig[plan.layout.index["command:propulsion_aft.on"]] = 0.0
+    for side in ("for", "aft"):
+        work.sig[plan.layout.index[f"command:propulsion_{side}.speed_ref"]] = 2.5
+    advance(plan, work, 120.0)
+    return plan, work, sg.steady_state(plan, start=work)
+
+
+def test_a_drive_that_is_off_takes_no_current_and_its_screw_idles(one_drive):
+    plan, work, point = one_drive
+    for name in ("motor.i_q", "motor.i_d", "motor.tau_e", "bridge.p_dc"):
+        assert point[f"propulsion_aft.{name}"] == pytest.approx(0.0, abs=1e-9), name
+    omega_m = "propulsion_aft.shaft.omega_m"
+    assert 8.5 < point[omega_m] < 10.0  # by the water alone; stopped if its bridge were a short circuit
+    assert point[omega_m] == pytest.approx(work.sig[plan.layout.index[omega_m]], rel=2e-2)  # the ship gathers way still
+    assert point["hull.surge.u_ship"] == pytest.approx(2.5, rel=5e-3)
+    modes = sg.linearise(plan, point).modes()
+    shaft = modes.of(omega_m)[0]  # the water holds it at its speed: slower than driven, and damped
+    assert shaft.eigenvalue.real < 0.0
+
+
+def test_a_run_started_with_a_drive_off_stays_where_the_point_is(one_drive):
+    plan, _, point = one_drive
+    after = point.workspace()
+    advance(plan, after, 0.5)
+    for name in ("propulsion_aft.shaft.omega_m", "propulsion_for.shaft.omega_m", "hull.surge.u_ship"):
+        assert after.sig[plan.layout.index[name]] == pytest.approx(point[name], rel=1e-4), name
+    assert abs(after.sig[plan.layout.index["propulsion_aft.motor.tau_e"]]) < 1e-9
+
+
 def test_modes_with_a_genset_loaded_are_those_of_its_loops(loaded):
     _, point, model = loaded
     modes = model.modes()

@@ -7,6 +7,7 @@ code is plain Python. `test_short_runs.py` says what is right.
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +21,7 @@ from shipgrid.components.mechanical.shaft import Shaft, friction
 from shipgrid.errors import InputErrors, ShipgridError
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.records import parameter_record
+from shipgrid.modulators.averaged import AveragedLeg
 from shipgrid.units import Ampere, NewtonMetre, PerUnit, Radian, RadianPerSecond
 
 CASES: dict[str, Callable[[], dict[str, Any]]] = {}
@@ -230,6 +232,76 @@ def reversed_bus() -> dict[str, Any]:
         "loss off": float(np.abs(run["bridge.p_r"].values[3:] / lost - 1.0).max()),
         "energy": run.energy_balance_error,
     }
+
+
+# --- operating points -------------------------------------------------------------------------------------------------
+
+
+@case
+def operating_point_meters() -> dict[str, Any]:
+    """What a bridge and a leg measure at an operating point, against the source beside them."""
+    net = sg.Network("meters")
+    dc, ac = net.dc_bus("dc", v_n=750.0), net.ac_bus("ac", v_n=400.0, f_n=60.0)
+    net.capacitance(dc, 2e-3)
+    net.add("source", sg.DcSource(v_0=750.0, R=0.05), a=dc)
+    net.add("reference", sg.SineModulation(f_n=60.0), inputs={"m": net.command("m", 0.5)})
+    vector = {f"s_{axis}": f"reference.s_{axis}" for axis in ("alpha", "beta")}
+    net.add("gates", sg.DirectBridge(), inputs=vector | {"gates": 1.0})
+    bridge = net.bridge("bridge", sg.TwoLevelBridge(), dc, modulator="gates")
+    lcl = sg.LclFilter.per_unit(50e3, 400.0, 60.0, L_1=0.1, C=0.06, L_2=0.05)
+    net.add("filter", lcl, converter=bridge, grid=ac)
+    net.add("load", sg.Resistor(R=6.4), a=ac)
+    leg_inputs = {"s_ref": 0.5, "gates": 1.0}
+    net.add("leg_gates", AveragedLeg(), inputs=leg_inputs, initial={"active": 0.5}, clock=sg.Sampled(10e3))
+    net.add("choke", sg.RlBranch(R=5.0, L=1e-3), a=net.half_bridge("leg", sg.HalfBridge(), dc, modulator="leg_gates"))
+    plan = sg.assemble(net, step=50e-6)
+    run = plan.run({"dc.v_dc": 750.0}, until=5e-3)
+    found = {}
+    for name, start in (("from values", {"dc.v_dc": 750.0}), ("from a run", run.end)):
+        point = sg.steady_state(plan, {"m": 0.8}, start=start)
+        given = (750.0 - point["dc.v_dc"]) / 0.05
+        found[name] = {
+            "i": [point["bridge.i_dc"] + point["leg.i_dc"], given],
+            "p": [point["bridge.p_dc"] + point["leg.p_dc"], given * point["dc.v_dc"]],
+            "i_fed": [-point["bridge.i_fed"], point["bridge.i_dc"]],
+            "p_fed": [-point["leg.p_fed"], 5.0 * point["choke.i"] ** 2],
+        }
+    after = plan.run(point, until=6e-3)["bridge.p_dc"].values
+    found["stays"] = float(np.abs(after / after[0] - 1.0).max())
+    return found
+
+
+@case
+def blocked_drive() -> dict[str, Any]:
+    """A motor turned from outside behind blocked gates: no current while its line voltage stays below the bus."""
+    found = {}
+    for name, omega_m in (("below", 30.0), ("above", 60.0)):
+        net = sg.Network("blocked")
+        dc = net.dc_bus("dc", v_n=750.0)
+        net.capacitance(dc, 2e-3)
+        net.add("source", sg.DcSource(v_0=750.0, R=0.05), a=dc)
+        inputs = {"s_alpha": 0.0, "s_beta": 0.0, "gates": net.command("gates.on", 0.0)}
+        net.add("gates", sg.DirectBridge(), inputs=inputs)
+        bridge = net.bridge("bridge", sg.TwoLevelBridge(), dc, modulator="gates")
+        machine = sg.Pmsm()
+        net.add("motor", machine, a=bridge, inputs={"omega_m": omega_m})
+        plan = sg.assemble(net, step=50e-6)
+        emf = machine.n_p * machine.psi_f * omega_m
+        found[name] = {"line": math.sqrt(3.0) * emf}
+        try:
+            point = sg.steady_state(plan, start={"dc.v_dc": 750.0})
+        except ShipgridError as refused:
+            found[name]["refused"] = str(refused)
+            continue
+        found[name] |= {
+            "currents": [abs(point[f"motor.{x}"]) for x in ("i_alpha", "i_beta", "tau_e")] + [point["bridge.p_dc"]],
+            "emf": [math.hypot(point["motor.v_alpha"], point["motor.v_beta"]), emf],
+            "v_dc": point["dc.v_dc"],
+        }
+        run = plan.run(point, until=20e-3)
+        found[name]["stays"] = float(np.abs(run["motor.i_alpha"].values).max())
+        found[name]["modes"] = len(sg.linearise(plan, point).modes())
+    return found
 
 
 # --- books ------------------------------------------------------------------------------------------------------------

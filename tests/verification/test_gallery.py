@@ -120,7 +120,8 @@ def test_error_against_one_microsecond_falls_with_the_square_of_the_step(name, s
     coarse, middle, fine = (deviation(name, signal, h) for h in (30e-6, 10e-6, 3e-6))
     assert coarse < (1e-3 if name == "boost" else 3e-4)
     if name == "short-circuit":  # the diodes take over at the start of the step after the one in which the bus reverses
-        assert max(coarse, middle) < 1e-4
+        # the motor's current sees the bus go to -18 V up to a step late: 2 mohm a diode
+        assert max(coarse, middle) < (1.5e-4 if signal == "motor.i_alpha" else 1e-4)
         assert fine < 0.3 * max(coarse, middle)  # first order, with a factor that depends on where in its step
         return
     order = math.log(coarse / fine) / math.log(10.0)

@@ -267,7 +267,7 @@ timeline: [{at: 0.1 s, set: {genset_for.on: true}}]
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("window", [(8.06, 8.063), (8.30, 8.303)])
+@pytest.mark.parametrize("window", [(7.62, 7.623), (7.86, 7.863)])
 def test_the_dead_ferry_on_the_diodes_of_a_rectifier_agrees_signal_by_signal(window, tmp_path):
     """First through the resistors, then through the diodes alone."""
     path = tmp_path / "charging.yaml"

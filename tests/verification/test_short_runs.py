@@ -163,3 +163,33 @@ def test_discontinuous_conduction_with_few_steps_a_period_is_said_once(found):
     _, source, text = case["few"][0]
     assert source == "leg" and "1.67 steps" in text and "up to 80 %" in text
     assert case["more"] == [] and case["flowing"] == []
+
+
+# operating points
+
+
+@pytest.mark.parametrize("start", ["from values", "from a run"])
+def test_meters_of_bridges_at_an_operating_point_agree_with_the_source(found, start):
+    for name, (measured, right) in found["operating_point_meters"][start].items():
+        assert measured == pytest.approx(right, rel=1e-9), name
+
+
+def test_a_run_from_an_operating_point_goes_on_with_what_its_bridges_measured(found):
+    # a vector that turns by 1.1 degrees a step of 50 us, beside a resonance of some 2 kHz: 1.1e-3 of second order
+    assert found["operating_point_meters"]["stays"] < 2e-3
+
+
+def test_a_blocked_drive_carries_no_current_and_has_its_emf_at_its_terminals(found):
+    below = found["blocked_drive"]["below"]
+    assert below["line"] < 750.0
+    assert below["currents"] == pytest.approx([0.0] * 4, abs=1e-9)
+    assert below["emf"][0] == pytest.approx(below["emf"][1], rel=1e-9)
+    assert below["v_dc"] == pytest.approx(750.0, rel=1e-9)
+    assert below["stays"] < 1e-9
+    assert below["modes"] == 1  # the bus: no current is left to swing
+
+
+def test_a_blocked_drive_whose_diodes_would_conduct_has_no_operating_point(found):
+    above = found["blocked_drive"]["above"]
+    assert above["line"] > 750.0
+    assert "the diodes of 'bridge' conduct: the peak of its line voltage is 809 V, its bus 750 V" in above["refused"]

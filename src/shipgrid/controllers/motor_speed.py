@@ -37,6 +37,7 @@ class Output:
     tau_ref: PerUnit = signal("torque reference over rated torque")
     torque_limited: Ratio = signal("1 while the torque limit acts", limiter=True)
     voltage_limited: Ratio = signal("1 while low bus voltage reduces the torque limit", limiter=True)
+    all_torque: Ratio = signal("1 while the torque limit acts and `share` is 1")
 
 
 @kernel
@@ -47,10 +48,11 @@ def update(dt, x: State, u: Input, p: MotorSpeed, x_next: State, y: Output):
         limit = p.tau_max * clip(u.share, 0.0, 1.0) * granted
         y.tau_ref = pi(u.n_ref - u.omega_pu, 0.0, p.K_p, p.K_i, -limit, limit, dt, x.speed, x_next.speed)  # (1)
         y.torque_limited = 1.0 if absolute(y.tau_ref).real >= limit.real else 0.0
+        y.all_torque = y.torque_limited if u.share.real >= 1.0 else 0.0
     else:
         x_next.speed.i = 0.0
         y.tau_ref = 0.0
-        y.torque_limited = 0.0
+        y.torque_limited = y.all_torque = 0.0
 
 
 @component(state=State, input=Input, output=Output, stage="outer", update=update)

@@ -27,8 +27,9 @@ amount instead of winding up against each other.
 leaks while the reference is below `u_leak`, before its ramp and behind it: on the way from ahead to astern it keeps
 what it has. Against a steady force at standstill (wind) the ship holds with a slight creep.
 
-*Hold.* While the torque limit keeps the shaft from its reference, the integrator of (5) does not wind up any further in
-that direction: K_i e is left out.
+*Hold.* While the drive gives all the torque that motor and bus bear and the shaft is short of its reference, the
+integrator of (5) does not wind up any further in that direction: K_i e is left out. Where blackout prevention cuts the
+drive back it is not held: there the reference comes down to what there is (`automation/load_limit.py`).
 
 While the drive is off it follows the ship's and the shaft's actual speed, and takes over from there.
 
@@ -60,7 +61,7 @@ class Input:
     enabled: Ratio = signal("1 while the drive is on", initial=1.0)
     i_neighbour: Ratio = signal("integrator of the next drive in the ring", initial=0.0)
     neighbour_enabled: Ratio = signal("1 while that drive is on", initial=0.0)
-    torque_limited: Ratio = signal("1 while the torque limit of the drive acts", initial=0.0)
+    all_torque: Ratio = signal("1 while the drive gives all the torque that motor and bus bear", initial=0.0)
 
 
 class Output:
@@ -85,7 +86,7 @@ def update(dt, x: State, u: Input, p: ShipSpeed, x_next: State, y: Output):
         y.n_ref = thrust * np.sqrt(np.sqrt((1.0 + p.y_0 * p.y_0) / (thrust * thrust + p.y_0 * p.y_0)))  # (4)
         aim = maximum(absolute(x_next.u_lag), absolute(u.speed_ref))
         leak = maximum(0.0, 1.0 - aim / p.u_leak) / p.T_leak
-        if u.torque_limited.real > 0.5 and (e * (y.n_ref - u.omega_pu)).real > 0.0:
+        if u.all_torque.real > 0.5 and (e * (y.n_ref - u.omega_pu)).real > 0.0:
             x_next.speed.i = x.speed.i
         share = (u.i_neighbour - x.speed.i) / p.T_share if u.neighbour_enabled.real > 0.5 else 0.0 * x.speed.i
         x_next.speed.i += dt * (share - leak * x.speed.i)  # (5)

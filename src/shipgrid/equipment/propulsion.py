@@ -171,7 +171,7 @@ class Propulsion:
             "speed_ref": net.command(f"{name}.speed_ref"),
             "omega_pu": omega_pu,
             "enabled": enabled,
-            "torque_limited": Delayed(f"{name}.speed.torque_limited"),
+            "all_torque": Delayed(f"{name}.speed.all_torque"),
         }
         water = {}
         if ship.hull is not None:

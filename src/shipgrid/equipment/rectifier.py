@@ -320,7 +320,7 @@ class Rectifier:
         for key, read_with in (("L_1", ("custom",)), ("ripple", (DESIGN_RULES,)), ("C", (*L_1_PRESETS, "custom"))):
             said = getattr(self, key)
             if self.lcl_preset not in read_with and said != getattr(Rectifier, key):
-                word = f"set by lcl_preset: {self.lcl_preset}" if key != "ripple" else f"read with {DESIGN_RULES} only"
+                word = "read only with that" if key == "ripple" else f"set by lcl_preset: {self.lcl_preset}"
                 raise ParameterError(f"rectifier.{key} = {said:g} is {word}, expected lcl_preset: {read_with[-1]}")
 
     def outer_loops(self) -> dict[str, float]:
