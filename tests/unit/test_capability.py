@@ -180,7 +180,9 @@ def test_a_value_that_the_preset_would_pass_over_is_refused():
         item(L_1=0.4)
     with pytest.raises(ParameterError, match=r"rectifier\.C = 0\.06 is set by lcl_preset: design_rules"):
         item(DESIGN_RULES, C=0.06)
-    with pytest.raises(ParameterError, match=r"rectifier\.ripple = 0\.3 is read only with that, expected lcl_preset: design_rules"):
+    with pytest.raises(
+        ParameterError, match=r"rectifier\.ripple = 0\.3 is read only with that, expected lcl_preset: design_rules"
+    ):
         item(ripple=0.3)
     assert item("custom", L_1=0.4, C=0.06).per_unit_filter(*SIDES) == (0.4, 0.06)
     assert item(C=0.06).per_unit_filter(*SIDES) == (1.29, 0.06)
