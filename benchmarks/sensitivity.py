@@ -38,6 +38,7 @@ CASES: dict[str, dict[str, str]] = {
     "resistance as the paper's figure fits": {"hull.resistance": "paper_fit"},
     "rectifier filter: rule on phase voltage": {"rectifier.lcl_preset": "phase_voltage_rule"},
     "rectifier filter: compact": {"rectifier.lcl_preset": "compact"},
+    "rectifier filter: by design rules": {"rectifier.lcl_preset": "design_rules"},
     "inverter filter of the paper": {"inverter.filter": "paper"},
     "inertia 0.17 s read as 2H": {"genset.inertia_H": "0.085 s"},
     "inertia doubled": {"genset.inertia_H": "0.34 s"},

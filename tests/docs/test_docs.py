@@ -147,3 +147,11 @@ def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert open_results("results/more-battery").signals == run.signals  # the path that the text below it names
     said = capsys.readouterr().out
     assert "DC bus fore" in said and "@article" in said
+
+
+def test_no_page_has_a_figure_left_open():
+    """Words in capitals stand where a figure was to come; files are the only ones that are called so."""
+    files = {path.stem for path in ROOT.glob("*.md")} | {"CITATION", "PYTHONPATH"}
+    for page in PAGES:
+        left = set(re.findall(r"\b[A-Z]{8,}\b", page.read_text(encoding="utf-8"))) - files
+        assert not left, f"{name_of(page)}: {left}"

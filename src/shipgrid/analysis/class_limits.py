@@ -11,8 +11,8 @@ The steady band of a speed is from no load to the droop that the class allows at
 either side. Bars are judged by their one-cycle rms, gensets' voltages by their means over a recording interval: a
 contactor that energises a filter takes the instantaneous voltage away for a millisecond, which no meter of rms shows.
 
-The largest harmonic of a bar is the fourth, about 1 % on the ferry, and no fault: the inverters' modulators take one
-reference a carrier period, with min-max injection (docs/theory/modulation.md, modulation-5).
+Bars of inverters have even harmonics of their own: one reference a carrier period, with min-max injection
+(docs/theory/modulation.md, modulation-5).
 
 A bus counts while a source feeds it, through closed ties too, and a genset while it is on; each from `SETTLING` after
 that. Limits are those of the editions known to the authors: to be confirmed in the edition in force. They are no

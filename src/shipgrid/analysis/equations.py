@@ -402,7 +402,8 @@ class Equations:
                     if pole in poles:
                         rows = [int(row) for row in np.flatnonzero(B[:, column]) if row not in held]
                         self.floating += [
-                            FloatingPole(poles[pole], pole, x, u, A[row], B[row], column) for row in rows[:1]
+                            FloatingPole(poles[pole], pole, x, u, A[row].copy(), B[row].copy(), column)
+                            for row in rows[:1]
                         ]
                         held += rows
                 A[held, :] = A[:, held] = 0.0

@@ -116,8 +116,12 @@ def _across(plan: Plan, sig: np.ndarray, binding: PortBinding) -> float:
 
 VANISHING = 1e-6
 """Length of the step that finds the network's voltages, over that of the plan: what it moves is lost in rounding."""
-NULL = 1e-12
-"""Singular values of the nodal equations, each node over its own conductance, below which nothing conducts."""
+NULL = 1e-9
+"""Singular values of the nodal equations, all elements of one size, below which nothing conducts."""
+EQUILIBRATIONS = 8
+"""Rounds of scaling rows and columns by the roots of their largest entries: then all are 1 [Ruiz2001]."""
+TINY = 1e-300
+"""Largest entry of a row or column that is empty."""
 ISOLATED = 1e-9
 """Conductance of everything else over an element's own below which it is isolated."""
 IMPULSE = 0.01
@@ -142,8 +146,49 @@ def settle_network(plan: Plan, work: Workspace) -> list[str]:
     list of str
         Currents that have no path, a line each.
     """
+    sig, layout = work.sig, plan.layout
+    solved = _solved(plan, work, VANISHING * plan.h)
+    v = solved.v
+    if np.any(solved.capacitance == 0.0):
+        # of an impulse, which goes with one over the length of the step, what it is over the first stage of a real one
+        smooth = 2.0 * _solved(plan, work, 2.0 * VANISHING * plan.h).v - v
+        v = np.where(solved.capacitance > 0.0, v, smooth + (v - smooth) * VANISHING / GAMMA)
+    sig[[layout.index[name] for name in layout.nodes]] = v
+    for port in solved.ports:
+        voltage = port.incidence @ v
+        for terminal, volt, ampere in zip(port.t.kind.terminals, voltage, port.W @ voltage + port.history, strict=True):
+            sig[layout.slots["u", f"{port.placed.path}.{terminal.v}"]] = volt
+            sig[layout.slots["y", f"{port.placed.path}.{terminal.i}"]] = ampere
+    settle_meters(plan, sig)
+    return _without_path(layout.nodes, solved) + _do_not_add_up(plan, solved)
+
+
+@dataclass
+class _Solved:
+    """Node voltages at the end of a short implicit Euler step, and the equations they are of.
+
+    Attributes
+    ----------
+    v : ndarray
+        (nodes,) [V].
+    capacitance : ndarray
+        (nodes,) [F].
+    injected : ndarray
+        (nodes,) currents that the elements drive into the nodes while all voltages are zero [A].
+    loose : ndarray
+        (directions, nodes) patterns of voltages that drive no current anywhere.
+    ports : list of _Port
+    """
+
+    v: np.ndarray
+    capacitance: np.ndarray
+    injected: np.ndarray
+    loose: np.ndarray
+    ports: list[_Port]
+
+
+def _solved(plan: Plan, work: Workspace, gh: float) -> _Solved:
     sig, layout, network = work.sig, plan.layout, plan.network
-    gh = VANISHING * plan.h
     number = {name: k for k, name in enumerate(layout.nodes)}
     capacitance = np.array([network.capacitances.get(name, 0.0) for name in layout.nodes])
     start = sig[[layout.index[name] for name in layout.nodes]]
@@ -177,18 +222,68 @@ def settle_network(plan: Plan, work: Workspace) -> list[str]:
             port.W, port.history = port.stamp()
             Y += port.left @ port.W @ port.incidence
     injected = -sum((port.left @ port.history for port in ports), np.zeros(len(number)))
-    scale = 1.0 / np.sqrt(np.where(np.diag(Y) > 0.0, np.diag(Y), 1.0))
-    scaled = scale[:, None] * Y * scale
-    v = scale * np.linalg.lstsq(scaled, scale * (injected + capacitance / gh * start), rcond=NULL)[0]
-    v = np.where(capacitance > 0.0, start, v)
-    sig[[layout.index[name] for name in layout.nodes]] = v
+    own = np.array([network.conductances.get(name, 0.0) for name in layout.nodes])
+    loose = _loose(capacitance + own, ports)
+    v = _voltages(capacitance / gh + own, capacitance / gh * start, loose, ports)
+    return _Solved(np.where(capacitance > 0.0, start, v), capacitance, injected, loose, ports)
+
+
+def _loose(own: np.ndarray, ports: list[_Port]) -> np.ndarray:
+    """Patterns of node voltages (rows, unit length) that drive no current, in elements or in what the nodes have.
+
+    All elements count alike here, a choke of a henry and a closed contact: elements are passive for a short step, so
+    that how large an admittance is does not decide where there is none.
+    """
+    Y = np.diag((own > 0.0).astype(float))
     for port in ports:
-        voltage = port.incidence @ v
-        for terminal, volt, ampere in zip(port.t.kind.terminals, voltage, port.W @ voltage + port.history, strict=True):
-            sig[layout.slots["u", f"{port.placed.path}.{terminal.v}"]] = volt
-            sig[layout.slots["y", f"{port.placed.path}.{terminal.i}"]] = ampere
-    settle_meters(plan, sig)
-    return _without_path(layout.nodes, scaled, scale * injected, ports) + _do_not_add_up(plan, v, ports)
+        largest = float(np.abs(port.W).max(initial=0.0))
+        if largest > 0.0:
+            Y += port.left @ (port.W / largest) @ port.incidence
+    _, values, right = np.linalg.svd(Y)
+    return right[values <= NULL * max(float(np.max(values, initial=0.0)), 1.0)]
+
+
+def _voltages(own: np.ndarray, given: np.ndarray, loose: np.ndarray, ports: list[_Port]) -> np.ndarray:
+    """Node voltages, with the elements' currents as unknowns beside them: chokes and closed contacts in series differ
+    by too many powers of ten to be added up in admittances.
+
+    Parameters
+    ----------
+    own : ndarray
+        (nodes,) conductance of each to the reference, that of its capacitance included [S].
+    given : ndarray
+        (nodes,) current into each [A].
+    loose : ndarray
+        `_loose`; these patterns are zero in the solution.
+    ports : list of _Port
+    """
+    nodes, size = len(own), len(own) + sum(len(port.history) for port in ports)
+    injected = np.zeros(nodes)
+    matrix, rhs = np.zeros((size, size)), np.zeros(size)
+    matrix[:nodes, :nodes] = np.diag(own)
+    rhs[:nodes] = given
+    at = nodes
+    for port in ports:
+        here = slice(at, at + len(port.history))
+        matrix[:nodes, here] = port.left
+        matrix[here, here] = np.eye(len(port.history))
+        matrix[here, :nodes] = -port.W @ port.incidence
+        rhs[here] = port.history
+        injected -= port.left @ port.history
+        at = here.stop
+    rhs[:nodes] -= loose.T @ (loose @ (given + injected))  # what is driven into them has no path
+    matrix[:nodes, :nodes] += loose.T @ loose
+    rows, columns = np.ones(size), np.ones(size)
+    for _ in range(EQUILIBRATIONS):
+        entries = np.abs(rows[:, None] * matrix * columns)
+        rows /= np.sqrt(np.maximum(entries.max(axis=1), TINY))
+        columns /= np.sqrt(np.maximum(entries.max(axis=0), TINY))
+    matrix, rhs = rows[:, None] * matrix * columns, rows * rhs
+    try:
+        solution = np.linalg.solve(matrix, rhs)
+    except np.linalg.LinAlgError:
+        solution = np.linalg.lstsq(matrix, rhs, rcond=None)[0]
+    return columns[:nodes] * solution[:nodes]
 
 
 @dataclass
@@ -227,11 +322,23 @@ def _call_isolated(plan: Plan, work: Workspace, port: _Port) -> None:
     call_uncompiled(kernel, values)
 
 
-def _without_path(nodes: list[str], scaled: np.ndarray, injected: np.ndarray, ports: list[_Port]) -> list[str]:
+def _apart(rows: np.ndarray) -> np.ndarray:
+    """Rows that span the same, each with as few entries as may be: one island each (Gauss and Jordan)."""
+    rows = rows.copy()
+    for k in range(len(rows)):
+        row, column = np.unravel_index(np.argmax(np.abs(rows[k:])), rows[k:].shape)
+        rows[[k, k + row]] = rows[[k + row, k]]
+        rows[k] /= rows[k, column]
+        others = np.arange(len(rows)) != k
+        rows[others] -= np.outer(rows[others, column], rows[k])
+    return rows
+
+
+def _without_path(nodes: list[str], solved: _Solved) -> list[str]:
     """Currents that are driven into nodes which nothing leaves, a line each."""
-    left, values, _ = np.linalg.svd(scaled)
+    injected, ports = solved.injected, solved.ports
     lines = []
-    for direction in left[:, values <= NULL * max(float(np.max(values, initial=0.0)), 1.0)].T:
+    for direction in _apart(solved.loose):
         if abs(direction @ injected) <= 1e-6 * (np.abs(direction) @ np.abs(injected)):
             continue
         island = {k for k in range(len(nodes)) if abs(direction[k]) > 1e-6}
@@ -246,17 +353,17 @@ def _without_path(nodes: list[str], scaled: np.ndarray, injected: np.ndarray, po
     return list(dict.fromkeys(lines))
 
 
-def _do_not_add_up(plan: Plan, v: np.ndarray, ports: list[_Port]) -> list[str]:
+def _do_not_add_up(plan: Plan, solved: _Solved) -> list[str]:
     """Buses at which inductive currents are given that do not add up, so that an impulse would have to move them."""
     index, limit = plan.layout.index, dict(zip(plan.net.node_signal.tolist(), plan.net.node_limit, strict=True))
     lines = []
     for k, node in enumerate(plan.layout.nodes):
-        impulse = VANISHING * float(v[k])
+        impulse = VANISHING * float(solved.v[k])
         if abs(impulse) < IMPULSE * limit[index[node]] or plan.network.capacitances.get(node, 0.0) > 0.0:
             continue
         met = [
             f"{port.placed.path} {current:.4g} A"
-            for port in ports
+            for port in solved.ports
             for current, row in zip(port.history, port.incidence, strict=True)  # at no voltage: what is given
             if row[k] != 0.0
         ]

@@ -178,7 +178,7 @@ def _water(network: Network) -> None:
         )
         braking = {facing: float(characteristic("T", AGAINST_THE_FLOW, facing, *shape)[0]) for facing in SORTS}
         against = (
-            f"against the flow CT* {braking[ends]:.3f} at beta 150 degrees"
+            f"against the flow CT* {braking[ends]:.3f} at beta {float(np.degrees(AGAINST_THE_FLOW[0])):g} degrees"
             f" (facing astern {braking[1.0]:.3f}, facing ahead {braking[-1.0]:.3f})"
         )
         which = f"B{Z:g}-{100 * A_E:g}, P/D {P_D:g}, {SORTS[ends]}"

@@ -12,7 +12,7 @@ controller is (3) with n_ref = y. (4) and the other two terms of (5) are additio
 
 *Thrust.* It goes with the square of shaft speed, so that the gain of the published loop goes with the speed: with its
 gains of 3 and 1 the damping ratio falls to 0.2 at 90 rpm, and thrust swings by half of its peak when the ship leaves.
-With (4) the loop has the same gain everywhere: y is a share of the thrust at rated speed, down to `y_0`, below which
+With (4) the loop has the same gain above `y_0`: y is a share of the thrust at rated speed, down to `y_0`, below which
 the shaft speed is in proportion to it. A root alone is infinitely steep at zero: the shaft would be thrown through
 standstill, and the motor's torque be that of its inertia (docs/decisions/0019-screws-against-the-flow.md). K_i follows
 from a damping ratio of 0.7 with the published K_p (docs/decisions/0012-cruise-control.md). K_i = 1 with a y_0 far above

@@ -19,7 +19,7 @@ Given i = a V + b, (3) is a quadratic equation of V alone: a = 0 where the curre
 a = -j / X_1. Resistances count in (3) and in the power p_dc = Re(v i*), not in the control's own limits, which have X_1
 alone.
 
-Derivation: docs/theory/converters.md, eqs. (converters-6) to (converters-11).
+Derivation: docs/theory/converters.md, eqs. (converters-5) to (converters-11).
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def node_voltage(lcl: FilterAtRest, a: complex, b: complex, e: float) -> float |
 
 
 class RectifierLimits(NamedTuple):
-    """What bounds the current references of an active rectifier: its control's limits (3) to (5).
+    """What bounds the current references of an active rectifier: its control's limits (3) to (6).
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ inductance, the mean of both axes. (1) is exact for two levels with min-max inje
 of M of it, down to a half, the ripple is M dI.
 
 Source: [Reznik2014] for (1) to (3) and the damping resistor; [Liserre2005]; docs/theory/converters.md, eqs.
-(converters-2) to (converters-5).
+(converters-2) to (converters-4).
 """
 
 from __future__ import annotations

@@ -301,8 +301,8 @@ class CircuitRun:
     energy : dict
         Energy [J] by component path in the ledgers `sources`, `consumers`, `losses` and `stored` (its change).
     energy_balance_error : float
-        (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, and what was
-        stored at the start.
+        (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, what was stored in
+        the network at the start, and the change of what is stored in everything else.
     failure : str
         Why the run broke off; empty if it did not.
     """

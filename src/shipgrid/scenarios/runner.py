@@ -795,7 +795,8 @@ def energy_balance(
         `sources`, `consumers`, `losses`, `stored` (change) in joule by component path.
     error : float
         (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, each instant by
-        its magnitude, and what was stored at the start.
+        its magnitude, what was stored in the network at the start (it may swing to and fro unseen), and of everything
+        else the change of what is stored.
     """
     names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
     ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
@@ -808,7 +809,9 @@ def energy_balance(
         short = path.removesuffix(".alpha").removesuffix(".beta")
         ledgers["stored"][short] = ledgers["stored"].get(short, 0.0) + value - before.get(path, 0.0)
     net = sum(ledgers["sources"].values()) - sum(sum(ledgers[k].values()) for k in ("consumers", "losses", "stored"))
-    exchanged = work.exchanged + sum(abs(joule) for joule in before.values())
+    apart = {path for path, placed in plan.network.placed.items() if not placed.ports}  # a hull, a shaft
+    exchanged = work.exchanged + sum(abs(joule) for path, joule in before.items() if path not in apart)
+    exchanged += sum(abs(after[path] - before.get(path, 0.0)) for path in apart & set(after))
     if exchanged == 0.0:  # neither a source nor anything stored: what was booked at all is wrong, or nothing was
         exchanged = sum(abs(joule) for ledger in ledgers.values() for joule in ledger.values())
     return ledgers, net / exchanged if exchanged > 0.0 else 0.0

@@ -18,8 +18,8 @@ with n = omega_m / 2 pi in revolutions per second. CT* and CQ* are one smooth pe
 
 `ends` 1 is the screw in its own axes facing astern, -1 facing ahead (thrust and torque still positive ahead): the bow
 screw of a double-ended ferry whose screws both face outwards. While such a ship stops, one of the two works in the
-second quadrant of its own axes and the other in the fourth, and they brake differently: CT* -0.372 and -0.492 at
-beta = 150 degrees.
+second quadrant of its own axes and the other in the fourth, and they brake differently: of P/D 0.9 and B5-75,
+CT* is -0.372 and -0.492 at beta = 150 degrees.
 
 `ends` 0, mirrored, is a screw that is the same in both directions of travel, CT*(beta + pi) = -CT*(beta):
 
