@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 import shipgrid as sg
 from shipgrid.components.marine.propeller import Propeller, forces
+from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.components.mechanical.shaft import Shaft, friction
 from shipgrid.errors import InputErrors, ShipgridError
 from shipgrid.model.kernel import uncompiled
@@ -187,6 +188,36 @@ def handed_over() -> dict[str, Any]:
     }
 
 
+@case
+def handed_over_with_parameters() -> dict[str, Any]:
+    """Plans that differ in a parameter of what is not linear: a load's power, an engine's dead time."""
+    found = {}
+    plans = {}
+    for power in (20e3, 40e3):
+        net = sg.Network("load")
+        dc = net.dc_bus("dc", v_n=750.0)
+        net.capacitance(dc, 1e-3)
+        net.add("source", sg.DcSource(v_0=750.0, R=0.1), a=dc)
+        net.add("load", sg.DcLoad(p_0=power), a=dc)
+        plans[power] = sg.assemble(net, step=50e-6)
+    first = plans[20e3].run({"dc.v_dc": 750.0}, until=20e-3)
+    second = plans[40e3].run(first.end, until=22e-3)
+    found["load"] = [float(first["load.i_a"][-1]), float(second["load.i_a"][0]), float(second["dc.v_dc"][0])]
+    for dead_time in (24e-3, 4e-3, 48e-3):
+        net = sg.Network("engine")
+        inputs = {"throttle": net.command("throttle", 0.5), "omega": 1.0}
+        net.add("engine", DieselEngine(T_D=dead_time), inputs=inputs, clock=sg.Sampled(1e3))
+        plans[dead_time] = sg.assemble(net, step=1e-4)
+    run = plans[24e-3].run({"throttle": 0.5}, until=50e-3)
+    for name, dead_time in (("same", 24e-3), ("shorter", 4e-3), ("longer", 48e-3)):
+        plan = plans[dead_time]
+        starts = {"end": (run.end, None), "final": (plan.common(run.final), 50e-3)}
+        for of, (start, begin) in starts.items():
+            torque = plan.run(start, begin=begin, until=0.12)["engine.T_m"].values
+            found[f"{name} {of}"] = [float(torque.min()), float(torque.max())]
+    return found
+
+
 # --- angles -----------------------------------------------------------------------------------------------------------
 
 
@@ -343,6 +374,26 @@ def _rest(net: sg.Network, *signals: str) -> Any:
     return [*(point[name] for name in signals), float(np.abs(run[signals[0]].values).max())]
 
 
+@case
+def one_switch_driven() -> dict[str, Any]:
+    """A battery of 5 V at a leg of 20 V with a duty of a half, of which both switches, or one, are driven."""
+    found = {}
+    for name, gates in (("both", 1.0), ("lower", 2.0), ("upper", 3.0)):
+        net = sg.Network("leg")
+        dc = net.dc_bus("dc", v_n=20.0)
+        net.capacitance(dc, 1e-3)
+        net.add("source", sg.DcSource(v_0=20.0, R=0.001), a=dc)
+        leg_inputs = {"s_ref": 0.5, "gates": gates}
+        net.add("gates", AveragedLeg(), inputs=leg_inputs, initial={"active": 0.5}, clock=sg.Sampled(5e3))
+        leg = net.half_bridge("leg", sg.HalfBridge(), dc, modulator="gates")
+        net.add("battery", sg.InductiveDcSource(v_0=5.0, R=0.1, L=1e-3), a=leg)
+        try:
+            found[name] = sg.steady_state(sg.assemble(net, step=50e-6), start={"dc.v_dc": 20.0})["battery.i"]
+        except ShipgridError as refused:
+            found[name] = str(refused)
+    return found
+
+
 # --- books ------------------------------------------------------------------------------------------------------------
 
 
@@ -440,6 +491,29 @@ def load_behind_an_opened_breaker() -> dict[str, Any]:
         "after": float(i[-1]),
         "energy": run.energy_balance_error,
     }
+
+
+@case
+def contact_between_chokes() -> dict[str, Any]:
+    """A source, a closed breaker and a load, both inductive; and a current drawn behind a choke and a breaker."""
+    found = {}
+    for L in (1e-3, 1.0):
+        net = sg.Network("chokes")
+        a, b = net.dc_bus("a", v_n=100.0), net.dc_bus("b", v_n=100.0)
+        net.add("source", sg.InductiveDcSource(v_0=100.0, R=0.1, L=L), a=a)
+        net.add("breaker", sg.Breaker(), a=a, b=b, contact="closed")
+        net.add("load", sg.RlBranch(R=1.0, L=L), a=b)
+        found[f"{L:g} H"] = float(sg.assemble(net, step=30e-6).run(until=0.3e-3)["load.i"][-1])
+    net = sg.Network("sink")
+    a, b, c = (net.dc_bus(name, v_n=100.0) for name in "abc")
+    net.add("source", sg.DcSource(v_0=100.0, R=0.1), a=a)
+    net.add("choke", sg.RlBranch(R=0.1, L=10e-3), a=a, b=b)
+    net.add("breaker", sg.Breaker(R_on=1e-6), a=b, b=c, contact="closed")
+    net.add("sink", sg.CurrentSource(i_0=-5.0), a=c)
+    net.conductance(c, 1e-3)
+    run = sg.assemble(net, step=30e-6).run({"choke.i": 5.1}, until=0.3e-3)
+    found["behind a breaker"] = [float(run["c.v_dc"][k]) for k in (0, -1)]
+    return found
 
 
 @case
@@ -580,7 +654,12 @@ def boost(steps: float, R: float) -> Any:
 def discontinuous_conduction() -> dict[str, Any]:
     """What is noted, by steps a carrier period: at rest in each period, and flowing throughout."""
     found = {}
-    for name, steps, R, v in (("few", 1.67, 200.0, 20.3), ("more", 21.0, 200.0, 20.3), ("flowing", 1.67, 10.0, 10.0)):
+    for name, steps, R, v in (
+        ("few", 1.67, 200.0, 20.3),
+        ("on edges", 4.0, 200.0, 20.3),
+        ("more", 21.0, 200.0, 20.3),
+        ("flowing", 1.67, 10.0, 10.0),
+    ):
         start = {"dc.v_dc": v, "choke.i": 0.0 if R > 100.0 else 2.0}
         run = boost(steps, R).run(start, until=(20.0 if steps > 2.0 else 60.0) / 20e3, record=["dc.v_dc"])
         found[name] = [[event.time, event.source, event.text] for event in run.events]

@@ -663,8 +663,8 @@ def test_a_load_step_on_the_genset_is_its_differential_equations(genset, T_E, T_
     found = solve_ivp(rates, (4.0, 5.0), start, t_eval=at, method="LSODA", rtol=1e-7, atol=1e-9)
     for k, name in enumerate(names_of(type_of(parts["machine"]).state)[:6]):
         got = run[f"machine.{name}"].sel(time=at, method="nearest").values
-        # governor and exciter act on the last step's speed and voltage: 30 us of a swing of some 10 rad/s. An exciter of
-        # 0.1 s answers it within 10 ms; the difference goes with the step, and is 4.6e-3 at 30 us with it.
+        # governor and exciter act on the last step's speed and voltage: 30 us of a swing of some 10 rad/s. An exciter
+        # of 0.1 s answers it within 10 ms; the difference goes with the step, and is 4.6e-3 at 30 us with it.
         assert np.abs(got - found.y[k]).max() < 2e-3 * max(np.ptp(found.y[k]), 0.05), name
 
 

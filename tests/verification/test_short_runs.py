@@ -47,6 +47,17 @@ def test_another_step_goes_on_at_the_same_time(found):
     assert found["handed_over"]["finer ends"] == pytest.approx(8e-3, abs=1e-9)
 
 
+def test_a_load_has_the_power_of_the_plan_it_is_handed_to(found):
+    before, after, v = found["handed_over_with_parameters"]["load"]
+    assert before == pytest.approx(20e3 / v, rel=1e-6) and after == pytest.approx(40e3 / v, rel=1e-3)
+
+
+@pytest.mark.parametrize("of", ["end", "final"])
+@pytest.mark.parametrize("name", ["same", "shorter", "longer"])
+def test_a_dead_time_holds_what_went_into_it_whatever_its_length(found, name, of):
+    assert found["handed_over_with_parameters"][f"{name} {of}"] == pytest.approx([0.5, 0.5], rel=1e-12)
+
+
 def test_another_circuit_is_refused_with_what_differs_and_takes_values_by_name(found):
     runs = found["handed_over"]
     assert "'more': nothing there, Resistor (branch at bus.v_dc) here" in runs["refused"]
@@ -124,6 +135,14 @@ def test_a_load_of_constant_current_ends_with_its_voltage_and_comes_back_with_it
     assert abs(case["energy"]) < 1e-3
 
 
+def test_a_closed_contact_between_chokes_is_a_path(found):
+    case = found["contact_between_chokes"]
+    for L in (1e-3, 1.0):
+        exact = 100.0 / 1.1001 * (1.0 - np.exp(-0.3e-3 * 1.1001 / (2.0 * L)))
+        assert case[f"{L:g} H"] == pytest.approx(exact, rel=1e-4), L
+    assert case["behind a breaker"][0] == pytest.approx(100.0, rel=1e-5)  # what the choke has beyond the sink: 0.1 A
+
+
 def test_currents_of_chokes_that_do_not_add_up_are_refused_with_all_that_meet_there(found):
     case = found["currents_that_do_not_add_up"]
     assert case["both"] == pytest.approx(10.0)
@@ -164,6 +183,8 @@ def test_discontinuous_conduction_with_few_steps_a_period_is_said_once(found):
     assert len(case["few"]) == 1
     _, source, text = case["few"][0]
     assert source == "leg" and "1.67 steps" in text and "up to 80 %" in text
+    assert len(case["on edges"]) == 1  # pulses that begin and end with steps are pulses too
+    assert "4 steps" in case["on edges"][0][2] and "up to 45 %" in case["on edges"][0][2]
     assert case["more"] == [] and case["flowing"] == []
 
 
@@ -206,6 +227,12 @@ def test_blocked_gates_at_a_choke_or_filter_let_no_current_through(found, name):
 )
 def test_blocked_gates_whose_diodes_conduct_behind_a_choke_or_filter_are_refused(found, name, why):
     assert why in found["blocked_chokes_and_filters"][name]
+
+
+def test_a_leg_of_which_one_switch_is_driven_has_a_point_only_for_currents_of_its_sign(found):
+    case = found["one_switch_driven"]
+    assert case["both"] == pytest.approx(5.0 / (0.1 + 0.25e-3), rel=1e-9) and case["upper"] == case["both"]
+    assert "49.88 A would flow out of 'leg', of which only the lower switch is driven" in case["lower"]
 
 
 def test_a_blocked_drive_whose_diodes_would_conduct_has_no_operating_point(found):

@@ -41,6 +41,7 @@ from shipgrid.model.component import fields_of, type_of
 from shipgrid.model.kernel import argument_names, reads_time, uncompiled
 from shipgrid.model.network import Legs, Placed
 from shipgrid.model.records import names_of, parameter_dtype
+from shipgrid.modulators.gates import LOWER, UPPER
 from shipgrid.solvers.companion import state_space
 
 COMPLEX_STEP = 1e-40
@@ -515,6 +516,14 @@ class Equations:
                 return f"the diodes of '{path}' conduct: {what}"
             if len(poles) == 1 and voltages and not -MARGIN * v_dc <= poles[0] <= v_dc * (1.0 + MARGIN):
                 return f"the diodes of '{path}' conduct: its pole is at {poles[0]:.4g} V, its bus at {v_dc:.4g} V"
+        slots, net = self.plan.layout.slots, self.plan.net
+        for b, (path, legs) in enumerate(self.plan.network.legs.items()):
+            slot = ("u", f"{legs.modulator}.gates")
+            gates = float(sig[self.alias[slots[slot]]]) if slot in slots else 1.0
+            i = float(sig[net.port_i[net.bridge_port[b, 0]]])
+            for code, name, way, against in ((LOWER, "lower", "out of", i > 0.0), (UPPER, "upper", "into", i < 0.0)):
+                if gates == code and against:
+                    return f"{abs(i):.4g} A would flow {way} '{path}', of which only the {name} switch is driven"
         return ""
 
     # values and derivatives

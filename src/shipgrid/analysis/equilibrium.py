@@ -120,7 +120,7 @@ def steady_state(
     *,
     hold: Mapping[str, float] | None = None,
     free: Iterable[str] = (),
-    start: Workspace | Mapping[str, float] | None = None,
+    start: Workspace | OperatingPoint | Mapping[str, float] | None = None,
 ) -> OperatingPoint:
     """Operating point of a plant.
 
@@ -133,7 +133,7 @@ def steady_state(
         Signals that have to have a value.
     free : iterable of str
         As many commands or unconnected inputs, whose values are found.
-    start : Workspace or mapping of str to float, optional
+    start : Workspace, OperatingPoint or mapping of str to float, optional
         Where the search starts: a plant at rest or nearly so, or values of signals with all others at their declared
         initial values (DC buses at nominal voltage). If left out the plant is run until it comes to rest.
 
@@ -165,7 +165,7 @@ def steady_state(
     conducting = equations.conducting(found[0])
     if conducting:
         raise SteadyStateError(
-            f"no operating point: {conducting}; a rectifying bridge has none here, expected driven gates or a run"
+            f"no operating point: {conducting}; there is none with diodes that conduct, expected driven gates or a run"
         )
     _check_turning(equations, found[0], found[1])
     point = OperatingPoint(plan, equations, *found)
@@ -213,7 +213,10 @@ def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> 
         )
 
 
-def _start(plan: Plan, commands: dict[str, float], start: Workspace | Mapping[str, float] | None) -> Workspace:
+def _start(
+    plan: Plan, commands: dict[str, float], start: Workspace | OperatingPoint | Mapping[str, float] | None
+) -> Workspace:
+    start = start.workspace() if isinstance(start, OperatingPoint) else start
     if isinstance(start, Workspace):
         work = taken_over(start, plan)
     elif start is None:

@@ -37,7 +37,8 @@ def places_to_set(plan: Plan) -> dict[str, int]:
 def places_to_start(plan: Plan) -> dict[str, list[int]]:
     """What a start may give, by path, and where it lies: all that a plant remembers from one step to the next.
 
-    Voltages of buses, states, outputs that are held from sample to sample, commands and constant inputs.
+    Voltages of buses, states, outputs that are held from sample to sample, commands and constant inputs. Not the
+    content of delay lines: `fill_delay_lines`.
     """
     layout = plan.layout
     places: dict[str, list[int]] = {path: [layout.index[path]] for path in layout.nodes}
@@ -50,6 +51,8 @@ def places_to_start(plan: Plan) -> dict[str, list[int]]:
                     record = t.kind.state if part == "x" else t.kind.output
                     for name in names_of(record) if (t.nx if part == "x" else t.ny) else ():
                         path = f"{placed.path}.{name}"
+                        if placed.path in piece.delay_lines and name == "position":
+                            continue
                         places.setdefault(path, []).append(piece.layout.slots[part, path])
     return places | {path: [place] for path, place in places_to_set(plan).items()}
 
@@ -140,6 +143,23 @@ def settle(plan: Plan, work: Workspace) -> list[str]:
     stranded = settle_network(plan, work)
     settle_outputs(plan, work)
     return stranded
+
+
+def fill_delay_lines(plan: Plan, work: Workspace) -> None:
+    """Let each delay line hold what goes into it, all along: a start by values does not know what went before.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Settled; changed in place.
+    """
+    for piece, own in zip(plan.pieces, work.pieces, strict=True):
+        placed = {p.path: p for t in piece.layout.types for p in t.placed}
+        for path, (first, length) in piece.delay_lines.items():
+            late = list(placed[path].item.dead_times())
+            if len(late) == 1:
+                own.step.delays[first : first + length] = own.sig[piece.layout.slots["u", f"{path}.{late[0]}"]]
 
 
 def set_time(plan: Plan, work: Workspace, time: float) -> None:
@@ -238,10 +258,13 @@ def _equal(was: Plan, now: Plan) -> bool:
     old, new = was.layout, now.layout
     if [t.kind for t in old.types] != [t.kind for t in new.types] or old.slots != new.slots or old.index != new.index:
         return False
+    if [t.placed for t in old.types] != [t.placed for t in new.types] or was.delay_lines != now.delay_lines:
+        return False
     constants = [(old.initial, new.initial)]
+    constants += [(a.parameters, b.parameters) for a, b in zip(old.types, new.types, strict=True)]
     for before, after in ((was.net, now.net), (was.step, now.step)):
         constants += [(getattr(before, name), getattr(after, name)) for name in before._fields if name not in WATCHING]
-    return all(np.array_equal(before, after, equal_nan=True) for before, after in constants)
+    return all(np.asarray(before).tobytes() == np.asarray(after).tobytes() for before, after in constants)
 
 
 def taken_over(work: Workspace, to: Plan) -> Workspace:

@@ -483,7 +483,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         v_stage=np.zeros(n + 1),
         stranded_first=np.zeros(n, dtype=np.int64),
         stranded_last=np.zeros(n, dtype=np.int64),
-        rested=np.zeros((len(plan.net.bridge_port), 2), dtype=np.int64),
+        rested=np.zeros((len(plan.net.bridge_port), 3), dtype=np.int64),
         norton=np.zeros((len(plan.net.machine_w), 6)),
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),

@@ -276,8 +276,8 @@ def _voltages(own: np.ndarray, given: np.ndarray, loose: np.ndarray, ports: list
     rows, columns = np.ones(size), np.ones(size)
     for _ in range(EQUILIBRATIONS):
         entries = np.abs(rows[:, None] * matrix * columns)
-        rows /= np.sqrt(np.maximum(entries.max(axis=1), TINY))
-        columns /= np.sqrt(np.maximum(entries.max(axis=0), TINY))
+        rows /= np.sqrt(np.maximum(entries.max(axis=1, initial=0.0), TINY))
+        columns /= np.sqrt(np.maximum(entries.max(axis=0, initial=0.0), TINY))
     matrix, rhs = rows[:, None] * matrix * columns, rows * rhs
     try:
         solution = np.linalg.solve(matrix, rhs)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 from shipgrid.io.quantities import show_quantity
 from shipgrid.io.yaml_lines import Listing, Node, Place, Problems, Scalar, Section, nearest
+from shipgrid.names import refusal
 from shipgrid.scenarios.conditions import Condition, ConditionalEntry
 
 UNLIMITED = "unlimited"
@@ -27,6 +29,8 @@ ENTRY_KEYS = (
     "description",
 )
 CONDITION_KEYS = ("signal", "above", "below", "for", "hysteresis")
+PLACE = re.compile(r"timeline\.[0-9]+")
+"""What an entry without a name is called."""
 WITHOUT_A_TIME = ("when", "after", "delay", "from", "until", "times", "optional")
 """Keys of an entry of the time-line that do not go with `at`."""
 
@@ -141,7 +145,14 @@ class TimelineReader:
         places: dict[str, Place] = {}
         for path, section in sections:
             name = self.fields.text(section, "name", path, "a name") if "name" in section else None
-            if name is not None and name in places:
+            if name is not None and (wrong := refusal(name)):
+                self.problems.add(section.entries["name"].place, f"{path}.name", wrong)
+                name = None
+            elif name is not None and PLACE.fullmatch(name):
+                what = f"'{name}' is what an entry without a name is called, expected another"
+                self.problems.add(section.entries["name"].place, f"{path}.name", what)
+                name = None
+            elif name is not None and name in places:
                 what = f"'{name}' is the name of the entry on line {places[name].line} too, expected another"
                 self.problems.add(section.entries["name"].place, f"{path}.name", what)
                 name = None

@@ -23,6 +23,7 @@ import numpy as np
 from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.assembly import plan as assembly
 from shipgrid.assembly.hand_over import (
+    fill_delay_lines,
     places_to_set,
     places_to_start,
     remembered,
@@ -105,7 +106,7 @@ class RunnablePlan(Plan):
             buses and elements is handed over by name: what the plant remembers, not its parameters; a command or
             constant input that is declared otherwise there is the one declared here. Or values [SI] by path, such as
             `final` of another run: of states, bus voltages, outputs held from sample to sample, commands and constant
-            inputs; everything else is at its declared initial value.
+            inputs; everything else is at its declared initial value, and delay lines hold what goes into them.
         events : iterable of At
             What happens on the way; each at the step that begins nearest to its time.
         until : float
@@ -172,12 +173,12 @@ class RunnablePlan(Plan):
         known = places_to_start(self)
         return {path: value for path, value in values.items() if path in known}
 
-    def save(self, work: Workspace, path: str | Path) -> None:
+    def save(self, work: Workspace | OperatingPoint, path: str | Path) -> None:
         """Write the end of a run, or an operating point, to a file, whole or not at all.
 
         Parameters
         ----------
-        work : Workspace
+        work : Workspace or OperatingPoint
             Of this plan: `run.end`, say.
         path : str or Path
             The file, `.npz`.
@@ -189,6 +190,7 @@ class RunnablePlan(Plan):
         OSError
             If it cannot be written; an older one is untouched.
         """
+        work = work.workspace() if isinstance(work, OperatingPoint) else work
         if not same_plant(work, self):
             other = work.plan.network.name
             raise TopologyError(f"{path}: the state is of another plan of '{other}', expected one of this plan")
@@ -266,6 +268,9 @@ class RunnablePlan(Plan):
         wrong = wrong or settle(watching, work)
         if wrong:
             raise InputErrors(wrong)
+        if start:
+            fill_delay_lines(watching, work)
+            settle(watching, work)
         if begin is not None:
             set_time(watching, work, begin)
         return work
@@ -293,7 +298,7 @@ class CircuitRun:
         The state at the end, from which another run may go on, of this plan or of one with other parameters.
     final : dict of str to float
         The same as values [SI] by path: states, bus voltages, outputs held from sample to sample, commands and constant
-        inputs. They start a plan of another network too (`plan.common`).
+        inputs; not the content of delay lines. They start a plan of another network too (`plan.common`).
     events : list of Event
         What happened: time [s], source, text.
     limiters : list of Limiter

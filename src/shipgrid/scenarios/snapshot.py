@@ -157,7 +157,7 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         about = json.loads(arrays.pop(HEAD).tobytes())
     except FileNotFoundError:
         raise InputErrors([f"{path}: there is no snapshot"]) from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as wrong:
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as wrong:
         raise InputErrors([f"{path}: is damaged or no snapshot ({wrong})"]) from wrong
     if about.get("schema") != SCHEMA:
         raise InputErrors([f"{path}: is a snapshot of schema {about.get('schema')}, expected {SCHEMA}"])

@@ -165,7 +165,7 @@ class NetworkWork(NamedTuple):
     clamp: np.ndarray  # (DC buses with bridges,) 1 while their voltage is reversed
     stage_share: np.ndarray  # (2,) see `conduction.begin_round`
     conduct: np.ndarray  # (4,) see `conduction.set_legs`
-    rested: np.ndarray  # (bridges, 2) pulses of one driven switch that began from rest; number of the step of the tenth
+    rested: np.ndarray  # (bridges, 3) pulses of one switch from rest; step of the tenth; 1 if the last had none
     moved: np.ndarray  # (1,) 1 once a contact has moved, until the books have it
 
 
