@@ -109,8 +109,12 @@ E2, E3, E4, E5 = (f"my.yaml:{line}: timeline.{line - 6}" for line in (7, 8, 9, 1
         ("[moored, leave]", "[]", E4 + ".after: is empty, expected the name of an entry"),
         ("[moored, leave]", "[moored, {}]", E4 + ".after: is no name, expected that of an entry of the time-line"),
         ("after: [moored, leave], ", "when: {signal: hull.u_ship, below: 1 kn}, ", E4 + ".delay: goes with 'after'"),
-        ("name: moored", "name: timeline.2", E3 + ".name: 'timeline.2' is what an entry without a name is called"),
-        ("name: moored", "name: a/b", E3 + ".name: 'a/b' is not a name: it has '/'"),
+        (
+            "mode: diesel",
+            "mode: diesel, name: timeline.2",
+            E5 + ".name: 'timeline.2' is what an entry without a name is called, expected another",
+        ),
+        ("mode: diesel", "mode: diesel, name: a/b", E5 + ".name: 'a/b' is not a name: it has '/'"),
         ("name: moored", "name: leave", E3 + ".name: 'leave' is the name of the entry on line 6 too, expected another"),
         (
             "times: 3",
