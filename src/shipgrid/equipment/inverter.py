@@ -376,7 +376,7 @@ class Inverter:
         net.add_three_phase(
             f"{name}.filter", lcl, ports={"converter": bridge, "grid": grid}, variant=f"{name}.sequence.position"
         )
-        voltage = add_filter_voltage(net, f"{name}.filter", lcl)
+        voltage = add_filter_voltage(net, f"{name}.filter", lcl, Every(AC_CONTROL_PERIOD))
         axes = dict(zip(("alpha", "beta"), grid.nodes, strict=True))
         v_bar = {f"v_{axis}": node for axis, node in axes.items()}
 

@@ -7,7 +7,7 @@ from typing import Any
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.filter_voltage import FilterVoltage
 from shipgrid.components.electrical.lcl_filter import LclFilter
-from shipgrid.model.network import DcBus, Network, Pole, Pole3, Sampled, Waveform
+from shipgrid.model.network import DcBus, Every, Network, Pole, Pole3, Sampled, Waveform
 from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
 
@@ -54,10 +54,13 @@ def add_leg(
     return net.half_bridge(f"{name}.leg", HalfBridge(), bus, modulator=f"{name}.modulator")
 
 
-def add_filter_voltage(net: Network, path: str, lcl: LclFilter) -> dict[str, str]:
-    """Add the voltage transducer `path_voltage` of the LCL filter at `path`; the paths of its outputs, by axis."""
+def add_filter_voltage(net: Network, path: str, lcl: LclFilter, clock: Every) -> dict[str, str]:
+    """Add the voltage transducer `path_voltage` of the LCL filter at `path`; the paths of its outputs, by axis.
+
+    Its clock is that of its reader: what nobody looks at need not be computed.
+    """
     states = {f"{x}_{axis}": f"{path}.{axis}.{x}" for x in ("v_c", "i_1", "i_2") for axis in ("alpha", "beta")}
-    net.add(f"{path}_voltage", FilterVoltage(R_d=lcl.R_d), inputs=states)
+    net.add(f"{path}_voltage", FilterVoltage(R_d=lcl.R_d), inputs=states, clock=clock)
     return {axis: f"{path}_voltage.v_{axis}" for axis in ("alpha", "beta")}
 
 

@@ -223,11 +223,12 @@ def set_legs(
         beta = sig[port_i[bridge_port[b, 1]]] if last - first > 1 else 0.0
         wait = sig[leg_wait[first]]
         v_dc = sig[node_signal[bridge_node[b]]]
-        if wait < 1.0 and (wait > 0.0 or rested[b, 2] != 0) and np.abs(alpha) <= SMALL_A:  # a pulse, from rest
-            rested[b, 0] += 1
-            if rested[b, 0] == PULSES:
-                rested[b, 1] = done
-        rested[b, 2] = wait == 1.0
+        if last - first == 1:
+            if wait < 1.0 and (wait > 0.0 or rested[b, 2] != 0) and np.abs(alpha) <= SMALL_A:  # a pulse, from rest
+                rested[b, 0] += 1
+                if rested[b, 0] == PULSES:
+                    rested[b, 1] = done
+            rested[b, 2] = wait == 1.0
         if 0.0 < wait < 1.0 and leg_rate[first] > 0.0 and v_dc > DEAD_V and np.isfinite(bridge_i0[b, 0]):
             per_ampere = 1.0 / (leg_rate[first] * h * v_dc)
             taken = wait_for_gates(

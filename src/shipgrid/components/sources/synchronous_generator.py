@@ -103,6 +103,7 @@ class Derived:
     X_kq: PerUnit = signal("damper leakage reactance, q axis")
     R_f: PerUnit = signal("field resistance")
     v_f: PerUnit = signal("field voltage for E_fd = 1, R_f / X_ad")
+    v_x: PerUnit = signal("the part of it that comes from the shaft")
     R_kd: PerUnit = signal("damper resistance, d axis")
     R_kq: PerUnit = signal("damper resistance, q axis")
     X_ff: PerUnit = signal("field self reactance")
@@ -157,6 +158,7 @@ def derive(p: SynchronousGenerator) -> dict[str, float]:
         "X_kq": X_kq,
         "R_f": R_f,
         "v_f": R_f / X_ad,
+        "v_x": p.brushless * R_f / X_ad,
         "R_kd": (X_kd + X_ad * X_f / X_ff) / (omega_b * p.T_d02),
         "R_kq": X_kkq / (omega_b * p.T_q02),
         "X_ff": X_ff,
@@ -188,8 +190,10 @@ def currents(x, p):
 @kernel
 def exciter_torque(omega, i_f, E_fd, p):
     """Torque [pu] that a brushless exciter takes from the shaft for the field: (11)."""
+    if omega.real > FLASHING:
+        return p.v_x * E_fd * i_f / omega
     speed = maximum(absolute(omega), FLASHING)
-    return p.brushless * p.v_f * E_fd * i_f * omega / (speed * speed)
+    return p.v_x * E_fd * i_f * omega / (speed * speed)
 
 
 @kernel
