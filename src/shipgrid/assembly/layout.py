@@ -22,6 +22,9 @@ from shipgrid.model.records import initial_of, names_of, parameter_values, size_
 ZERO, ONE = 0, 1
 GAP = 16
 """Unused places between what two cores write: they share no cache line."""
+NORTON_FIELDS = ("g_aa", "g_ab", "g_ba", "g_bb", "h_a", "h_b", "speed", "angle", "cos", "sin")
+"""What a machine's `stamp` gives: conductances [S] and currents [A] of its Norton equivalent; and what its `advance`
+takes over, speed, angle, its cosine and sine at the end of the stage."""
 
 
 @dataclass

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shipgrid.assembly.contacts import energy_of_contacts
-from shipgrid.assembly.layout import ZERO, Layout, by_type, lay_out, united
+from shipgrid.assembly.layout import NORTON_FIELDS, ZERO, Layout, by_type, lay_out, united
 from shipgrid.assembly.network_plan import network_plan
 from shipgrid.assembly.partition import Part, Partition, divide
 from shipgrid.assembly.plausible import largest_plausible
@@ -484,7 +484,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         stranded_first=np.zeros(n, dtype=np.int64),
         stranded_last=np.zeros(n, dtype=np.int64),
         rested=np.zeros((len(plan.net.bridge_port), 3), dtype=np.int64),
-        norton=np.zeros((len(plan.net.machine_w), 6)),
+        norton=np.zeros((len(plan.net.machine_w), len(NORTON_FIELDS))),
         leg_state=np.zeros(len(plan.net.leg_lo), dtype=np.int64),
         leg_s=np.zeros(len(plan.net.leg_lo)),
         bridge_i0=np.full((bridges, 2), np.nan),  # there is no step before the first

@@ -26,7 +26,7 @@ import numpy as np
 
 import shipgrid
 from shipgrid.assembly.continuous import Continuous, owner_of
-from shipgrid.assembly.layout import Layout, TypeLayout
+from shipgrid.assembly.layout import NORTON_FIELDS, Layout, TypeLayout
 from shipgrid.assembly.plan import LEDGERS, Plan, StepPlan, StepWork, Workspace, axis_weight, new_workspace
 from shipgrid.assembly.stiff import capacitor_path
 from shipgrid.assembly.woven_lines import copy_lines, for_all, gather_lines, pass_to, where_due
@@ -244,7 +244,7 @@ def type_views(plan: Plan, work: Workspace, t: TypeLayout) -> list[tuple[str, An
     return found
 
 
-NORTON = np.dtype((np.record, [(name, "f8") for name in ("g_aa", "g_ab", "g_ba", "g_bb", "h_a", "h_b")]))
+NORTON = np.dtype((np.record, [(name, "f8") for name in NORTON_FIELDS]))
 
 
 def _first_machine(plan: Plan, t: TypeLayout) -> int:

@@ -69,6 +69,7 @@ def stamp(gh, x: State, u: Input, p: Pmsm, n):
     omega_e = p.n_p * u.omega_m
     angle = x.theta_e + gh * omega_e
     cos, sin = np.cos(angle), np.sin(angle)
+    n.angle, n.cos, n.sin = angle, cos, sin
     z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
     determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
     y_dd, y_dq = z_q / determinant, omega_e * p.L_q / determinant  # inverse of the matrix in (5)
@@ -82,16 +83,15 @@ def stamp(gh, x: State, u: Input, p: Pmsm, n):
 
 
 @kernel
-def advance(gh, x: State, u: Input, p: Pmsm, x_next: State):
+def advance(gh, x: State, u: Input, p: Pmsm, n, x_next: State):
     omega_e = p.n_p * u.omega_m
-    angle = x.theta_e + gh * omega_e
-    v_d, v_q = rotate(u.v_alpha, u.v_beta, np.cos(angle), np.sin(angle))
+    v_d, v_q = rotate(u.v_alpha, u.v_beta, n.cos, n.sin)
     z_d, z_q = p.L_d / gh + p.R_s, p.L_q / gh + p.R_s
     determinant = z_d * z_q + omega_e * omega_e * p.L_d * p.L_q
     e_d, e_q = v_d + p.L_d * x.i_d / gh, v_q + p.L_q * x.i_q / gh - omega_e * p.psi_f
     x_next.i_d = (z_q * e_d + omega_e * p.L_q * e_q) / determinant  # (5)
     x_next.i_q = (z_d * e_q - omega_e * p.L_d * e_d) / determinant
-    x_next.theta_e = angle
+    x_next.theta_e = n.angle
 
 
 @kernel

@@ -232,8 +232,6 @@ def stage(gh, x, u, p):
 
     Returns
     -------
-    omega, theta, cos, sin : float
-        Predicted speed and angle at the end of the step.
     k : float
         `omega_b gh`, the step in radians of the base frequency.
     r_f, r_kd, a_d, e_d, X_sd : float
@@ -242,10 +240,6 @@ def stage(gh, x, u, p):
     a_q, e_q, X_sq : float
         The same of the q axis: inverse self reactance, and `psi_q = e_q - X_sq i_q`.
     """
-    i_d, i_f, _, i_q, _ = currents(x, p)
-    t_x = exciter_torque(x.omega, i_f, u.E_fd, p)
-    omega = x.omega + gh * p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d) - t_x)
-    theta = x.theta + gh * p.omega_b * omega
     k = gh * p.omega_b
     # (2), (8) and (3), (9): [[x_f, X_ad], [X_ad, x_k]] [i_f, i_kd] = [r_f, r_kd] + X_ad i_d
     x_f, x_k = p.X_ff + k * p.R_f, p.X_kkd + k * p.R_kd
@@ -258,12 +252,18 @@ def stage(gh, x, u, p):
     a_q = 1.0 / (p.X_kkq + k * p.R_kq)
     e_q = p.X_aq * a_q * x.psi_kq
     X_sq = p.X_q - p.X_aq * p.X_aq * a_q
-    return omega, theta, np.cos(theta), np.sin(theta), k, r_f, r_kd, a_d, e_d, X_sd, a_q, e_q, X_sq
+    return k, r_f, r_kd, a_d, e_d, X_sd, a_q, e_q, X_sq
 
 
 @kernel
 def stamp(gh, x: State, u: Input, p: SynchronousGenerator, n):
-    omega, _, cos, sin, k, _, _, _, e_d, X_sd, _, e_q, X_sq = stage(gh, x, u, p)
+    i_d, i_f, _, i_q, _ = currents(x, p)
+    t_x = exciter_torque(x.omega, i_f, u.E_fd, p)
+    omega = x.omega + gh * p.r_H * (u.T_m - (x.psi_d * i_q - x.psi_q * i_d) - t_x)  # (10), predicted
+    theta = x.theta + gh * p.omega_b * omega
+    cos, sin = np.cos(theta), np.sin(theta)
+    n.speed, n.angle, n.cos, n.sin = omega, theta, cos, sin
+    k, _, _, _, e_d, X_sd, _, e_q, X_sq = stage(gh, x, u, p)
     # (6), (7) of the step's end: [[z_d, -b], [c, z_q]] [i_d, i_q] = [w_d, w_q] - k [v_d, v_q]
     z_d, z_q = X_sd + k * p.R_s, X_sq + k * p.R_s
     b, c = k * omega * X_sq, k * omega * X_sd
@@ -283,9 +283,10 @@ def stamp(gh, x: State, u: Input, p: SynchronousGenerator, n):
 
 
 @kernel
-def advance(gh, x: State, u: Input, p: SynchronousGenerator, x_next: State):
-    omega, theta, cos, sin, k, r_f, r_kd, a_d, e_d, X_sd, a_q, e_q, X_sq = stage(gh, x, u, p)
-    kv_d, kv_q = rotate(k / p.V_b * u.v_alpha, k / p.V_b * u.v_beta, cos, sin)
+def advance(gh, x: State, u: Input, p: SynchronousGenerator, n, x_next: State):
+    omega = n.speed
+    k, r_f, r_kd, a_d, e_d, X_sd, a_q, e_q, X_sq = stage(gh, x, u, p)
+    kv_d, kv_q = rotate(k / p.V_b * u.v_alpha, k / p.V_b * u.v_beta, n.cos, n.sin)
     z_d, z_q = X_sd + k * p.R_s, X_sq + k * p.R_s
     b, c = k * omega * X_sq, k * omega * X_sd
     w_d = e_d - x.psi_d - k * omega * e_q - kv_d
@@ -303,7 +304,7 @@ def advance(gh, x: State, u: Input, p: SynchronousGenerator, x_next: State):
     x_next.psi_kd = x.psi_kd - k * p.R_kd * i_kd
     x_next.psi_kq = x.psi_kq - k * p.R_kq * i_kq
     x_next.omega = x.omega + gh * p.r_H * (u.T_m - (psi_d * i_q - psi_q * i_d) - exciter_torque(omega, i_f, u.E_fd, p))
-    x_next.theta = theta  # the predicted one: the network was solved with it, and the currents must agree
+    x_next.theta = n.angle  # the predicted one: the network was solved with it, and the currents must agree
 
 
 @kernel
