@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numba import njit
 
+from shipgrid.assembly.weave import NORTON
 from shipgrid.components.machines import pmsm
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.controllers import drive_current, motor_speed
@@ -65,15 +65,20 @@ def test_open_circuit_emf_is_449_volt_so_that_no_diode_conducts():
     assert line_to_line_peak == pytest.approx(635.0, abs=1.0)
 
 
+def norton():
+    """What a stamp writes into."""
+    return np.zeros(1, NORTON).view(np.recarray)[0]
+
+
 @pytest.mark.parametrize("motor", [Pmsm(), SALIENT], ids=["round", "salient"])
 @pytest.mark.parametrize("omega_m", [OMEGA_N, -20.0, 0.0])
 def test_stamp_and_advance_are_one_implicit_euler_step_of_the_equations(motor, omega_m):
     gh = GAMMA * 30e-6
     p, x, u, y = machine(motor, omega_m, i_d=-80.0, i_q=300.0, theta_e=0.7, v_alpha=120.0, v_beta=-310.0)
-    n = SimpleNamespace()
+    n = norton()
     pmsm.stamp.py_func(gh, x, u, p, n)
     end = make_record(pmsm.State)
-    pmsm.advance(gh, x, u, p, end)
+    pmsm.advance(gh, x, u, p, n, end)
     # the step's definition: end = x + gh f(end)
     dx = make_record(pmsm.State)
     pmsm.derivatives(end, u, p, dx)
@@ -87,7 +92,7 @@ def test_stamp_and_advance_are_one_implicit_euler_step_of_the_equations(motor, o
 def test_conductance_is_the_exact_derivative_of_the_step_by_complex_step():
     gh, small = GAMMA * 30e-6, 1e-40
     p, x, u, _ = machine(SALIENT, i_d=-80.0, i_q=300.0, theta_e=0.7, v_alpha=120.0, v_beta=-310.0)
-    n = SimpleNamespace()
+    n = norton()
     pmsm.stamp.py_func(gh, x, u, p, n)
     pc, _ = parameter_record(SALIENT, scalar="c16")
     xc = make_record(pmsm.State, {"i_d": -80.0, "i_q": 300.0, "theta_e": 0.7}, scalar="c16")
@@ -96,7 +101,7 @@ def test_conductance_is_the_exact_derivative_of_the_step_by_complex_step():
         uc = make_record(pmsm.Input, {"v_alpha": 120.0, "v_beta": -310.0, "omega_m": OMEGA_N}, scalar="c16")
         uc[axis] += 1j * small
         end, y = make_record(pmsm.State, scalar="c16"), make_record(pmsm.Output, scalar="c16")
-        pmsm.advance(gh, xc, uc, pc, end)
+        pmsm.advance(gh, xc, uc, pc, n, end)
         pmsm.outputs(end, uc, pc, y)
         got += [y.i_alpha.imag / small, y.i_beta.imag / small]
     assert got == pytest.approx([n.g_aa, n.g_ba, n.g_ab, n.g_bb], rel=1e-12)
@@ -118,7 +123,7 @@ def test_terminal_power_is_stored_energy_losses_and_shaft_power():
 @loop
 def run_drive(steps, h, n_ref, v_dc, J, machine, current, speed, trace):
     """Motor, current control and speed control on a stiff bus, one inertia, no load; a row of `trace` each step."""
-    p, x, x_mid, x_end, u, y = machine
+    p, x, x_mid, x_end, u, y, n = machine
     p_c, u_c, y_c = current
     p_s, x_s, x_s_next, u_s, y_s = speed
     gh = (1.0 - math.sqrt(0.5)) * h
@@ -135,11 +140,13 @@ def run_drive(steps, h, n_ref, v_dc, J, machine, current, speed, trace):
         drive_current.update(h, u_c, p_c, y_c)
         u.omega_m = omega
         u.v_alpha, u.v_beta = y_c.s_alpha * v_dc, y_c.s_beta * v_dc
-        pmsm.advance(gh, x, u, p, x_mid)
+        pmsm.stamp(gh, x, u, p, n)
+        pmsm.advance(gh, x, u, p, n, x_mid)
         x_end.i_d = x.i_d + kappa * (x_mid.i_d - x.i_d)
         x_end.i_q = x.i_q + kappa * (x_mid.i_q - x.i_q)
         x_end.theta_e = x.theta_e + kappa * (x_mid.theta_e - x.theta_e)
-        pmsm.advance(gh, x_end, u, p, x)
+        pmsm.stamp(gh, x_end, u, p, n)
+        pmsm.advance(gh, x_end, u, p, n, x)
         pmsm.limit(x)
         pmsm.outputs(x, u, p, y)
         if J > 0.0:
@@ -160,7 +167,7 @@ def drive(
     current = (p_c, make_record(drive_current.Input), make_record(drive_current.Output))
     records = (make_record(motor_speed.Input, {"v_dc": v_dc}), make_record(motor_speed.Output))
     speed = (p_s, make_record(motor_speed.State), make_record(motor_speed.State), *records)
-    run_drive(steps, h, n_ref, v_dc, J, (p, *states, u, make_record(pmsm.Output)), current, speed, trace)
+    run_drive(steps, h, n_ref, v_dc, J, (p, *states, u, make_record(pmsm.Output), norton()), current, speed, trace)
     return trace
 
 

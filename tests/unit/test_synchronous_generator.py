@@ -3,25 +3,15 @@
 import numpy as np
 import pytest
 
+from shipgrid.assembly.weave import NORTON
 from shipgrid.components.sources import synchronous_generator as machine
 from shipgrid.components.sources.synchronous_generator import Derived, Input, Output, State, SynchronousGenerator
 from shipgrid.errors import ParameterError
-from shipgrid.model import signal
 from shipgrid.model.records import make_record, names_of, parameter_record
-from shipgrid.units import Ampere, Siemens
 
 FLUXES = ("psi_d", "psi_f", "psi_kd", "psi_q", "psi_kq")
 LOADED = {"psi_d": 0.86, "psi_f": 1.06, "psi_kd": 0.93, "psi_q": -0.53, "psi_kq": -0.5, "omega": 0.97, "theta": 2.3}
 FED = {"v_alpha": -310.0, "v_beta": 230.0, "E_fd": 2.1, "T_m": 0.4}
-
-
-class Norton:
-    g_aa: Siemens = signal("conductance")
-    g_ab: Siemens = signal("conductance")
-    g_ba: Siemens = signal("conductance")
-    g_bb: Siemens = signal("conductance")
-    h_a: Ampere = signal("current at zero voltage")
-    h_b: Ampere = signal("current at zero voltage")
 
 
 @pytest.fixture(scope="module")
@@ -124,10 +114,10 @@ def implicit_euler(gh, p, v):
 @pytest.mark.parametrize("gh", [1e-6, 8.8e-6, 100e-6])
 @pytest.mark.parametrize("v", [(0.0, 0.0), (-310.0, 230.0), (150.0, 0.0)])
 def test_the_norton_equivalent_is_the_implicit_euler_step_of_the_derivatives(gh, v, p):
-    n, x_next = make_record(Norton), make_record(State)
+    n, x_next = np.zeros(1, NORTON).view(np.recarray)[0], make_record(State)
     u = make_record(Input, {**FED, "v_alpha": v[0], "v_beta": v[1]})
     machine.stamp(gh, make_record(State, LOADED), u, p, n)
-    machine.advance(gh, make_record(State, LOADED), u, p, x_next)
+    machine.advance(gh, make_record(State, LOADED), u, p, n, x_next)
     end, i = implicit_euler(gh, p, v)
     G = np.array([[n.g_aa, n.g_ab], [n.g_ba, n.g_bb]])
     # 1e-11: rounding, amplified by the reactance seen in one microsecond
@@ -140,10 +130,10 @@ def test_every_derived_constant_is_finite(p):
 
 
 def test_a_machine_at_standstill_without_field_stays_there(p):
-    n, x_next = make_record(Norton), make_record(State)
+    n, x_next = np.zeros(1, NORTON).view(np.recarray)[0], make_record(State)
     u = make_record(Input)
     machine.stamp(8.8e-6, make_record(State), u, p, n)
-    machine.advance(8.8e-6, make_record(State), u, p, x_next)
+    machine.advance(8.8e-6, make_record(State), u, p, n, x_next)
     assert (n.h_a, n.h_b) == (0.0, 0.0)
     assert not values(x_next, names_of(State)).any()
     assert n.g_aa > 0.0 and np.linalg.det([[n.g_aa, n.g_ab], [n.g_ba, n.g_bb]]) > 0.0

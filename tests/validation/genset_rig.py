@@ -5,27 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 from numba import njit
 
+from shipgrid.assembly.weave import NORTON
 from shipgrid.components.mechanical import diesel_engine
 from shipgrid.components.sources import synchronous_generator as machine
 from shipgrid.controllers import exciter_ac1a, governor_degov1
 from shipgrid.equipment import genset
-from shipgrid.model import signal
 from shipgrid.model.records import initial_of, make_record, names_of, parameter_record, record_dtype
-from shipgrid.units import Ampere, Siemens
 
 loop = njit(error_model="numpy")  # around kernels; unlike them it may allocate
 
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
-
-
-class Norton:
-    g_aa: Siemens = signal("conductance")
-    g_ab: Siemens = signal("conductance")
-    g_ba: Siemens = signal("conductance")
-    g_bb: Siemens = signal("conductance")
-    h_a: Ampere = signal("current at zero voltage")
-    h_b: Ampere = signal("current at zero voltage")
 
 
 def pair(record, scalar="f8"):
@@ -103,21 +93,21 @@ def machine_step(h, x, x_flat, u, p, n, work):
     x_1, x_1_flat, x_2, x_2_flat, bus_1, bus_2, g_load = work
     gh = GAMMA * h
     connect(gh, x, u, p, n, bus_1, g_load)
-    machine.advance(gh, x, u, p, x_1)
+    machine.advance(gh, x, u, p, n, x_1)
     for k in range(len(x_flat)):
         x_1_flat[k] = x_flat[k] + (1.0 + np.sqrt(2.0)) * (x_1_flat[k] - x_flat[k])
     connect(gh, x_1, u, p, n, bus_2, g_load)
-    machine.advance(gh, x_1, u, p, x_2)
+    machine.advance(gh, x_1, u, p, n, x_2)
     for k in range(len(x_flat)):
         x_flat[k] = x_2_flat[k]
 
 
 @loop
 def connect(gh, x, u, p, n, bus, g_load):
+    machine.stamp(gh, x, u, p, n)
     if g_load < 0.0:
         u.v_alpha, u.v_beta = bus
         return
-    machine.stamp(gh, x, u, p, n)
     a, b, c, d = n.g_aa + g_load, n.g_ab, n.g_ba, n.g_bb + g_load
     det = a * d - b * c
     u.v_alpha = (-d * n.h_a + b * n.h_b) / det
@@ -142,7 +132,7 @@ def on_bus(item, x_0, inputs, h, steps, voltage):
     times = np.stack([start + GAMMA * h, start + h], axis=1).ravel()
     v = np.ascontiguousarray(np.broadcast_to(np.stack(np.broadcast_arrays(*voltage(times)), axis=-1), (2 * steps, 2)))
     trace = np.empty((steps, len(x_0)))
-    u, n = make_record(machine.Input, inputs), make_record(Norton)
+    u, n = make_record(machine.Input, inputs), np.zeros(1, NORTON).view(np.recarray)[0]
     run_on_bus(steps, h, v, x, x_flat, u, p, n, *x_1, *x_2, trace)
     return trace
 
@@ -220,7 +210,7 @@ class Rig:
             make_record(machine.Input),
             p,
             make_record(machine.Output),
-            make_record(Norton),
+            np.zeros(1, NORTON).view(np.recarray)[0],
             *pair(machine.State),
             *pair(machine.State),
         )
