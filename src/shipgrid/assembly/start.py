@@ -133,7 +133,7 @@ def settle_network(plan: Plan, work: Workspace) -> list[str]:
     """Find the voltages of buses without capacitance, and the terminal quantities of all elements.
 
     One implicit Euler step of vanishing length, solved densely; states and capacitor voltages stay what they are. A
-    bus that nothing defines is at zero. An element that nothing else meets is told so, if it has a kernel for that.
+    bus that nothing defines is at zero. The `isolated` kernel of an element that nothing else meets is called.
 
     Parameters
     ----------
