@@ -27,9 +27,10 @@ def measure(number: int) -> dict[str, float]:
     import math
 
     import shipgrid as sg
+    from shipgrid.assembly.code_store import core
     from shipgrid.assembly.plan import assemble, new_workspace
     from shipgrid.assembly.start import settle_outputs
-    from shipgrid.assembly.weave import arguments, woven_entry
+    from shipgrid.assembly.tables import arguments
 
     net = sg.Network(f"{number} inverters")
     dc = net.dc_bus("dc", v_n=750.0)
@@ -52,7 +53,7 @@ def measure(number: int) -> dict[str, float]:
     work = new_workspace(plan)
     work.sig[plan.layout.index["dc.v_dc"]] = 750.0
     settle_outputs(plan, work)
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     entry(1, 0, *values)
     started = time.perf_counter() - began
     done, found = 1, []

@@ -27,9 +27,10 @@ from statistics import median
 import numpy as np
 
 import shipgrid as sg
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from verification.gallery import GALLERY, duty_ratios, example  # the circuit, and its netlist for ngspice
@@ -88,7 +89,7 @@ def here(net: sg.Network, record: str, end: float, start: dict[str, float], band
     for name, value in start.items():
         work.sig[plan.layout.index[name]] = value
     settle_outputs(plan, work)
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     work.n += entry(1, work.n, *values)
 
     def wave() -> Wave:

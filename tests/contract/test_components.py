@@ -22,8 +22,10 @@ from numba.core.errors import TypingError
 from scenarios.story import RING
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble
-from shipgrid.assembly.weave import NORTON, arguments, woven_entry
+from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.unit_text import NORTON
 from shipgrid.automation.power_management import BlackoutPrevention, equip
 from shipgrid.components.converters.two_level_bridge import TwoLevelBridge
 from shipgrid.components.electrical.rl_branch import RlBranch
@@ -438,7 +440,7 @@ def test_the_ferry_started_at_rest_stays_there():
     places = [plan.layout.index[plan.network.published[n].source] for n in slow]
     before = work.sig[places].copy()
     steps = round(3.0 / plan.h)
-    assert woven_entry(plan)(steps, 0, *arguments(plan, work)) == steps
+    assert core()(steps, 0, *arguments(plan, work)) == steps
     # the batteries feed 20 kW of hotel load, which is 3e-4 of their charge in this time
     moved = dict(zip(slow, work.sig[places] - before, strict=True))
     assert work.sig[places] == pytest.approx(before, rel=5e-4, abs=1e-4), moved
@@ -468,7 +470,7 @@ def test_a_ferry_built_within_20_percent_of_the_bundled_one_comes_to_rest_and_st
     places = [plan.layout.index[plan.network.published[n].source] for n in ("dc_for.v_dc", "ac_for.f", "ac_aft.f")]
     before = work.sig[places].copy()
     steps = round(2.0 / plan.h)
-    assert woven_entry(plan)(steps, 0, *arguments(plan, work)) == steps
+    assert core()(steps, 0, *arguments(plan, work)) == steps
     assert work.sig[places] == pytest.approx(before, rel=5e-4)
 
 
@@ -515,7 +517,7 @@ def test_every_kind_that_no_ship_has_comes_to_rest_and_stays_there(seed):
     plan = assemble(circuit(seed), 30e-6)
     point = steady_state(plan)
     work = point.workspace()
-    entry, values, steps = woven_entry(plan), arguments(plan, work), round(0.05 / plan.h)
+    entry, values, steps = core(), arguments(plan, work), round(0.05 / plan.h)
     before = work.sig.copy()
     assert entry(steps, 0, *values) == steps
     for bus in plan.network.buses.values():

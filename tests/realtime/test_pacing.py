@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.io.report import clock_table
 from shipgrid.realtime import monitor
 from shipgrid.solvers import pacing
@@ -37,7 +38,7 @@ def paced(circuit, costs, *, policy="catch-up", steps=STEPS, factor=(1, 1), wind
     p = work.pace.pacer[0]
     p.on, p.virtual, p.num, p.den, p.window = 1, 1, 30_000 * factor[1], factor[0], window
     p.reanchor = int(policy == "re-anchor")
-    assert woven_entry(circuit)(steps, 0, *arguments(circuit, work)) == steps
+    assert core()(steps, 0, *arguments(circuit, work)) == steps
     return p, work
 
 
@@ -148,14 +149,14 @@ def test_the_loop_returns_before_a_step_when_it_is_asked_to(circuit):
     work = new_workspace(circuit)
     work.pace.pacer[0].on = work.pace.pacer[0].virtual = work.pace.pacer[0].stop = work.pace.pacer[0].window = 1
     before = work.sig.copy()
-    assert woven_entry(circuit)(STEPS, 0, *arguments(circuit, work)) == 0
+    assert core()(STEPS, 0, *arguments(circuit, work)) == 0
     assert np.array_equal(work.sig, before)
 
 
 def test_the_clock_changes_nothing_of_what_is_computed(circuit):
     _, live = paced(circuit, stalled(100, 10**6))
     offline = new_workspace(circuit)
-    woven_entry(circuit)(STEPS, 0, *arguments(circuit, offline))
+    core()(STEPS, 0, *arguments(circuit, offline))
     assert live.sig.tobytes() == offline.sig.tobytes()
     assert offline.pace.pacer[0].steps == 0
 
@@ -171,7 +172,7 @@ def test_commands_are_taken_in_their_order_a_few_a_step_and_remembered(circuit):
         asked = pace.inbox[k]
         asked.place, asked.value, asked.origin, asked.measured = place, 100.0 + k, 2, 7
     pace.inbox_count[0] = 12
-    run, values = woven_entry(circuit), arguments(circuit, work)
+    run, values = core(), arguments(circuit, work)
     assert run(1, 0, *values) == 1 and pace.inbox_count[1] == pacing.MOST_COMMANDS
     assert run(1, 1, *values) == 1 and pace.inbox_count[1] == 12
     log = [(int(a.step), float(a.value), int(a.origin), int(a.measured)) for a in pace.applied[:12]]

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.ship_file import Ship, read_ship
@@ -94,7 +95,7 @@ class Story:
                     work.sig[self.index[bus.nodes[0]]] = bus.v_n
             settle_outputs(plan, work)
         self.work = work
-        self.entry, self.values = woven_entry(plan), arguments(plan, work)
+        self.entry, self.values = core(), arguments(plan, work)
         self.t: list[float] = []
         self.rows: list[np.ndarray] = []
         self._table = np.zeros((0, 0))

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.equipment import bess, rectifier
 from shipgrid.scenarios.runner import build
 
@@ -23,7 +24,7 @@ def called(name: str, until: float, signals: tuple[str, ...]) -> dict[str, np.nd
         work.sig[index[f"command:{path}"]] = command.default
     work.sig[[index["command:dc_tie.close"], index[f"command:{name}.on"]]] = 1.0
     settle_outputs(plan, work)
-    entry, values, n = woven_entry(plan), arguments(plan, work), 11
+    entry, values, n = core(), arguments(plan, work), 11
     rows = []
     for _ in range(round(until / (n * plan.h))):
         assert entry(n, work.n, *values) == n

@@ -7,8 +7,9 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, advancing, operating_point
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
-from shipgrid.assembly.weave import arguments, type_views, woven_entry
+from shipgrid.assembly.tables import arguments, type_views
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.model.network import Network
@@ -186,7 +187,7 @@ def test_hard_transients_stay_far_from_what_counts_as_absurd(ship, commands):
     """So that the check for absurd values gives no false alarm: everything that can be done to the plant at once."""
     plan = build(ship, 90e-6)
     work, _ = operating_point(plan, commands)
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     largest = np.zeros(len(work.sig))
     full_ahead = {"propulsion_for.speed_ref": 5.1, "propulsion_aft.speed_ref": 5.1}
     full_astern = {path: -value for path, value in full_ahead.items()}

@@ -7,10 +7,11 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.crew import Crew
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.partition import propose
 from shipgrid.assembly.plan import assemble
-from shipgrid.assembly.weave import stored_energy, woven_name
 from shipgrid.model.network import Network
 from shipgrid.scenarios.runner import build
 
@@ -109,7 +110,7 @@ def assert_alike(found, surplus):
 
 def test_one_battery_feeds_both_parts_of_the_ferry_as_in_the_uncut_one(moored):
     plan, _, cut = moored
-    assert woven_name(cut) == woven_name(plan)  # and so costs no compilation
+    assert code_names(cut.kinds) == code_names(plan.kinds)  # and so costs no compilation
     gap, surplus, last = compared(moored, [(1.0, {"bess_for.i_ref": 40.0})], 0.5)
     assert_alike(gap, surplus)
     assert last["dc_tie.i"] > 10.0  # through the cut

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import Workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.scenarios.runner import build, start
 from shipgrid.solvers.companion import GAMMA, KAPPA
 
@@ -24,7 +25,7 @@ def moored():
 
 def means(plan, work: Workspace, seconds: float) -> dict[str, float]:
     """Mean of every public signal, over every step of a whole number of cycles of 60 Hz."""
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     places = np.array([plan.layout.index[p.source] for p in plan.network.published.values()])
     total, n = np.zeros(len(places)), round(seconds / plan.h)
     for _ in range(n):
@@ -36,7 +37,7 @@ def means(plan, work: Workspace, seconds: float) -> dict[str, float]:
 
 
 def advance(plan, work: Workspace, seconds: float) -> None:
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     for _ in range(round(seconds / plan.h / 2000)):
         assert entry(2000, work.n, *values) == 2000
         work.n += 2000
@@ -70,7 +71,7 @@ def test_a_battery_s_choke_ripples_as_the_duty_ratio_says(moored):
     run = work.snapshot()
     advance(plan, run, 0.5)
     places = [plan.layout.index[f"bess_for.{name}"] for name in ("converter.i_l", "converter.v_c", "modulator.active")]
-    entry, values = woven_entry(plan), arguments(plan, run)
+    entry, values = core(), arguments(plan, run)
     rows = []
     for _ in range(2000):
         entry(1, run.n, *values)
@@ -191,7 +192,7 @@ def test_the_power_of_every_bridge_is_the_same_on_both_sides(moored):
     sign = np.sign(net.lead_rate)
     switching = np.array([net.bridge_s[b, axis] for b, axis in zip(net.lead_bridge, net.lead_axis, strict=True)])
     i_dc, p_dc = (np.array([index[f"{path}.{name}"] for path in paths]) for name in ("i_dc", "p_dc"))
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     charge, power = np.zeros((10_000, 2)), np.zeros((10_000, len(paths)))
     carried, bus_mean = np.zeros((10_000, len(paths))), np.zeros((10_000, 2))
     for k in range(len(charge)):

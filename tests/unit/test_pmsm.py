@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from shipgrid.assembly.weave import NORTON
+from shipgrid.assembly.unit_text import NORTON
 from shipgrid.components.machines import pmsm
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.controllers import drive_current, motor_speed

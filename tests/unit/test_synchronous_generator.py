@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shipgrid.assembly.weave import NORTON
+from shipgrid.assembly.unit_text import NORTON
 from shipgrid.components.sources import synchronous_generator as machine
 from shipgrid.components.sources.synchronous_generator import Derived, Input, Output, State, SynchronousGenerator
 from shipgrid.errors import ParameterError

@@ -17,8 +17,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.special import jv
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.model import kernel
 from shipgrid.model.component import type_of
 from shipgrid.model.frames import abc_to_alpha_beta
@@ -611,7 +612,7 @@ def test_woven_into_a_network_the_bridge_switches_as_on_the_bench():
     )
     plan = assemble(net, H)
     work = new_workspace(plan)
-    entry = woven_entry(plan)
+    entry = core()
     names = [f"{end}_{leg}" for end in ("lo", "hi") for leg in "abc"] + [f"lead_{leg}" for leg in "abc"]
     places = [plan.layout.index[f"bridge.{name}"] for name in names]
     bench = Bench(TimeStampedBridge(dead_time=2e-6, shift_b=0.25))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 from numba import njit
 
-from shipgrid.assembly.weave import NORTON
+from shipgrid.assembly.unit_text import NORTON
 from shipgrid.components.mechanical import diesel_engine
 from shipgrid.components.sources import synchronous_generator as machine
 from shipgrid.controllers import exciter_ac1a, governor_degov1

@@ -9,7 +9,8 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, advancing, operating_point
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.tables import arguments
 from shipgrid.scenarios.runner import build
 
 H = 90e-6
@@ -153,7 +154,7 @@ def test_impedance_of_the_dc_bus_is_what_a_small_current_finds(loaded, frequency
     omega = 2.0 * math.pi / (steps * H)  # a whole number of steps a period
     v, capacitance = plan.layout.index["dc_for.v_dc"], plan.network.capacitances["dc_for.v_dc"]
     settle, count = round(0.3 / (steps * H)), max(3, round(0.1 / (steps * H)))
-    entry, runs = woven_entry(plan), []
+    entry, runs = core(), []
     for amplitude in (0.0, 1.0):
         work, trace = point.workspace(), []
         values = arguments(plan, work)

@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.sources.dc_source import CurrentSource
 from shipgrid.equipment.bess import Bess
 from shipgrid.model.network import Network
@@ -40,7 +41,7 @@ class Side:
         self.plan = assemble(net, 30e-6)
         self.work = new_workspace(self.plan)
         self.work.sig[self.plan.layout.index["dc.v_dc"]] = 750.0
-        self.entry, self.values = woven_entry(self.plan), arguments(self.plan, self.work)
+        self.entry, self.values = core(), arguments(self.plan, self.work)
         self.command(load=0.0, **{"bess.on": 1.0, "bess.mode": VOLTAGE, "bess.v_dc_ref": 750.0} | commands)
         self.run(0.6)
 

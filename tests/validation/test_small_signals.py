@@ -14,7 +14,8 @@ import pytest
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
 from shipgrid.analysis.steady_state import advancing
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.tables import arguments
 from shipgrid.controllers.grid_forming import GridForming
 from shipgrid.controllers.rectifier_control import RectifierControl
 from validation import small_signal_rig as rig
@@ -342,7 +343,7 @@ def steps_of(plan, point, command, amount, seconds):
     for extra in (0.0, amount):
         work = point.workspace()
         work.sig[plan.layout.index[f"command:{command}"]] += extra
-        entry, values = woven_entry(plan), arguments(plan, work)
+        entry, values = core(), arguments(plan, work)
         rows = [work.sig.copy()]
         for n in range(math.ceil(seconds / plan.h) + 1):
             assert entry(1, n, *values) > 0
@@ -459,7 +460,7 @@ def test_control_every_30_us_grows_in_the_run_at_the_rate_of_its_eigenvalue():
     v_c = [place[f"inverter_0.lcl.{axis}.v_c"] for axis in rig.AXES]
     rest = np.hypot(*work.sig[v_c])
     work.sig[v_c] *= 1.0 + 1e-3
-    crests, entry, values = [], woven_entry(plan), arguments(plan, work)
+    crests, entry, values = [], core(), arguments(plan, work)
     for n in range(20 * window):
         assert entry(1, n, *values) == 1
         crests.append(abs(np.hypot(*work.sig[v_c]) - rest))

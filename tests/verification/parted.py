@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.network import Across, Network
@@ -58,7 +59,7 @@ def started(plan, **values):
 
 
 def run(plan, work, steps):
-    done = woven_entry(plan)(steps, work.n, *arguments(plan, work))
+    done = core()(steps, work.n, *arguments(plan, work))
     assert done == steps
     work.n += steps
 
@@ -71,7 +72,7 @@ def traced(plan, work, steps, paths):
     """Values of signals after each of some steps."""
     places = [plan.layout.index[path] for path in paths]
     found = np.empty((steps, len(paths)))
-    entry, given = woven_entry(plan), arguments(plan, work)
+    entry, given = core(), arguments(plan, work)
     for k in range(steps):
         assert entry(1, work.n, *given) == 1
         work.n += 1
@@ -96,7 +97,7 @@ def step_matrix(plan, held=False):
             places += [index[f"{end.name}.in_{k}"] for k in ((2,) if held else (1, 2))]
             twins.append((index[f"{end.name}.in_1"], index[f"{end.name}.in_2"]))
     work = new_workspace(plan)
-    entry, given = woven_entry(plan), arguments(plan, work)
+    entry, given = core(), arguments(plan, work)
     found = np.empty((len(places), len(places)))
     for column, place in enumerate(places):
         work.sig[:] = 0.0

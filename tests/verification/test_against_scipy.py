@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.sources.three_phase_source import ThreePhaseSource
 from shipgrid.controllers.blocks.low_pass import low_pass
@@ -145,7 +146,7 @@ def converter(step, f_s):
 def trace(plan, work, until, every):
     """The compared signals at each multiple of `every`."""
     places = [plan.layout.index[path] for path in SIGNALS]
-    entry, values, n = woven_entry(plan), arguments(plan, work), round(every / plan.h)
+    entry, values, n = core(), arguments(plan, work), round(every / plan.h)
     rows = [work.sig[places].copy()]
     for k in range(round(until / every)):
         assert entry(n, k * n, *values) == n
@@ -253,7 +254,7 @@ def test_a_bridge_between_a_capacitor_and_a_choke_is_of_second_order():
         work.sig[plan.layout.index["bus.v_dc"]] = v_0
         settle_outputs(plan, work)
         n = round(T / step)
-        assert woven_entry(plan)(n, 0, *arguments(plan, work)) == n
+        assert core()(n, 0, *arguments(plan, work)) == n
         found.append(work.sig[plan.layout.index["choke.i"]] - exact)
     orders = np.log2(np.abs(np.array(found[:-1]) / np.array(found[1:])))
     assert orders == pytest.approx(2.0, abs=0.15)  # the next term is of third order
@@ -286,7 +287,7 @@ def test_a_switching_function_that_changes_inside_steps_acts_at_its_instant():
         plan = assemble(net, step)
         work = new_workspace(plan)
         work.sig[plan.layout.index["bus.v_dc"]] = E
-        place, entry, values = plan.layout.index["choke.i"], woven_entry(plan), arguments(plan, work)
+        place, entry, values = plan.layout.index["choke.i"], core(), arguments(plan, work)
         largest = 0.0
         for k in range(round(samples * T / step)):
             assert entry(1, k, *values) == 1

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.model import Terminal, component, kernel, param, signal
 from shipgrid.model.network import Network
 from shipgrid.scenarios.recorder import ResultsWriter
@@ -85,7 +87,7 @@ def circuit(**options):
 
 
 def stepped(plan, work, n):
-    assert woven_entry(plan)(n, work.n, *arguments(plan, work)) == n
+    assert core()(n, work.n, *arguments(plan, work)) == n
     work.n += n
 
 

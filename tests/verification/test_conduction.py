@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.choke import Choke
 from shipgrid.components.machines.pmsm import Pmsm
@@ -30,7 +32,7 @@ MEAN = 3.0 * math.sqrt(2.0) / math.pi * 480.0
 def stepped(plan, work, seconds, names, rounds=None):
     """Values of signals after every step."""
     places = [plan.layout.index[name] for name in names]
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     rows = np.empty((round(seconds / plan.h), len(names)))
     for k in range(len(rows)):
         assert entry(1, work.n, *values) == 1
@@ -95,7 +97,7 @@ def test_thirty_microseconds_agree_with_one_and_the_error_falls_with_the_step():
     found = {}
     for step in (30e-6, 10e-6, 3e-6, 1e-6):
         plan, work = six_pulse(step, L=1e-3, R=0.05, C=2e-3, load=(10.0, 0.0))
-        woven_entry(plan)(round(0.25 / step), 0, *arguments(plan, work))
+        core()(round(0.25 / step), 0, *arguments(plan, work))
         work.n = round(0.25 / step)
         work.step.rows[:] = 0
         rounds: list[int] = []
@@ -324,7 +326,7 @@ def test_one_driven_switch_at_thirty_microseconds_has_the_mean_of_one(gates, bus
     for step in (30e-6, 7e-6, 1e-6):
         plan, work = one_switch(gates, 1.0 - share if gates == LOWER else share, ohms, step)
         settled = round(0.08 / step)
-        woven_entry(plan)(settled, 0, *arguments(plan, work))
+        core()(settled, 0, *arguments(plan, work))
         work.n, work.step.rows[:] = settled, 0
         run = stepped(plan, work, 0.012, [bus, "meter.sample", "choke.i"])
         found.append([run[bus].mean(), run["meter.sample"].mean(), np.ptp(run["choke.i"])])

@@ -10,9 +10,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from shipgrid.assembly import weave as weaving
+from shipgrid.assembly import tables
+from shipgrid.assembly.core_text import numbers_of
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, named_values, numbers_of, scratch_of, woven_name
+from shipgrid.assembly.tables import COPIES, arguments, named_arrays, scratch_of
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model.kernel import TableRow
 from shipgrid.model.network import Network
@@ -20,8 +21,6 @@ from shipgrid.scenarios import runner
 from shipgrid.solvers.pacing import pace_work
 
 PARTS = {"for": ["dc_for"], "aft": ["dc_aft"], "grid": ["ac_for", "ac_aft"]}
-MORE, TABLE, WHOLE, REAL = 2, 1, 2, 3
-"""How many signals a copy records; places among the arguments."""
 
 
 def ferry(**options):
@@ -43,8 +42,10 @@ def recording(plan, places):
 
 def addresses(plan, work):
     """Entries of a table by the name of their array: its address and shape, for what has any memory."""
-    numbers = arguments(plan, work)[TABLE][-1].tolist()
-    arrays = named_values(plan, work, scratch_of(plan))
+    _, memory = arguments(plan, work)
+    work.kept = memory  # as long as somebody has the workspace, nothing else lies there
+    numbers = memory.rows.numbers[-1].tolist()
+    arrays = named_arrays(plan, work, scratch_of(plan))
     places = TableRow(arrays, {}).places
     return arrays, {
         name: (numbers[place], tuple(numbers[place + 1 : place + 1 + arrays[name].ndim]))
@@ -54,7 +55,7 @@ def addresses(plan, work):
 
 
 def scratch_names(plan):
-    return {f"{t.kind.key}_{name}{flat}" for t in plan.layout.types for name in "abc" for flat in ("", "f")}
+    return {f"{t.kind.key}.{name}{flat}" for t in plan.layout.types for name in COPIES for flat in ("", "_flat")}
 
 
 def ring_sized(work):
@@ -65,12 +66,10 @@ def ring_sized(work):
     return made
 
 
-def test_a_module_is_made_once_for_all_copies_of_a_plan(monkeypatch):
-    plan, made, real = ferry(), [], weaving.weave
-    monkeypatch.setattr(weaving, "weave", lambda plan: made.append(plan) or real(plan))
-    name = woven_name(plan)
+def test_rows_are_made_once_for_all_copies_of_a_plan(monkeypatch):
+    plan, made, real = ferry(), [], tables.named_arrays
+    monkeypatch.setattr(tables, "named_arrays", lambda plan, *rest: made.append(plan) or real(plan, *rest))
     for copy in (plan, recording(plan, [3, 4]), recording(plan, [])):
-        assert woven_name(copy) == name
         arguments(copy, new_workspace(copy))
     assert len(made) == 1
 
@@ -85,7 +84,8 @@ def test_every_array_is_found_where_this_workspace_and_this_copy_have_it(plan, r
     arrays, found = addresses(copy, work)
     own = {name: array for name, array in arrays.items() if name not in scratch_names(plan)}
     assert len(own) > 400
-    made_anew = {name for name in own if name.endswith("_weight")}  # by each call of `named_values`
+    ends = (".weight", ".place_in_books", "calls", "call_start")  # made anew by each call of `named_arrays`
+    made_anew = {name for name in own if name.endswith(ends)}
     for name in found.keys() & own.keys() - made_anew:
         assert found[name] == (own[name].ctypes.data, own[name].shape), name
     for name in made_anew:
@@ -94,7 +94,8 @@ def test_every_array_is_found_where_this_workspace_and_this_copy_have_it(plan, r
 
 def test_numbers_are_those_of_the_copy(plan):
     copy = recording(plan, [5, 3, 8])
-    _, _, whole, real, *_ = arguments(copy, new_workspace(copy))
+    _, memory = arguments(copy, new_workspace(copy))
+    whole, real = memory.whole, memory.real
     numbers = numbers_of(copy)
     assert numbers["n_plant"] == 3 and numbers["record_every"] == 7
     assert whole[0].tolist() == [n for n in numbers.values() if isinstance(n, int)]
@@ -103,10 +104,13 @@ def test_numbers_are_those_of_the_copy(plan):
 
 def test_two_runs_of_a_plan_share_nothing_that_a_step_writes(plan):
     """Two threads may step two workspaces at once."""
-    (_, one), (_, other) = (addresses(plan, new_workspace(plan)) for _ in range(2))
+    works = [new_workspace(plan) for _ in range(2)]
+    (_, one), (_, other) = (addresses(plan, work) for work in works)
     constant = {*plan.net._fields, *plan.step._fields, "sources"}
     kinds = [t.kind.key for t in plan.layout.types]
-    constant |= {f"{key}_{name}" for key in kinds for name in (*plan.gathers.get(key, {}), "clock", "weight", "p")}
+    own = ("clock", "weight", "p", "tables", "clock_inc", "clock_den", "clock_period", "place_in_books")
+    constant |= {f"{key}.{name}" for key in kinds for name in (*plan.gathers.get(key, {}), *own)}
+    constant |= {"calls", "call_start"}
     for name in one.keys() - constant:
         assert one[name] != other[name], name
 
@@ -115,7 +119,7 @@ def test_memory_between_steps_of_a_part_has_room_for_each_of_its_components():
     """And that of one part shares no cache line with that of another, which another core writes."""
     cut = ferry(parts=PARTS)
     for part in cut.parts:
-        arrays = named_values(part, new_workspace(part), scratch_of(part))
+        arrays = named_arrays(part, new_workspace(part), scratch_of(part))
         spans = sorted((a.ctypes.data, a.nbytes) for name, a in arrays.items() if name in scratch_names(part))
         spans = sorted(set(spans))  # a record and its numbers are one
         for (start, size), (following, _) in pairwise(spans):
@@ -125,7 +129,6 @@ def test_memory_between_steps_of_a_part_has_room_for_each_of_its_components():
 
 def test_a_plan_that_nobody_has_any_more_is_freed():
     plan = ferry()
-    woven_name(plan)
     arguments(plan, new_workspace(plan))
     gone = weakref.ref(plan.layout), weakref.ref(plan.network)
     del plan
@@ -153,10 +156,10 @@ def test_what_is_found_at_the_start_stays_until_the_table_is_gone(plan):
     assert array() is None
 
 
-def test_a_run_has_one_module_from_its_provenance_to_its_last_step(monkeypatch):
-    """Built, started, timed and stepped, the text is written once."""
-    made, real = [], weaving.weave
-    monkeypatch.setattr(weaving, "weave", lambda plan: made.append(plan) or real(plan))
+def test_a_run_has_its_rows_made_once_from_its_provenance_to_its_last_step(monkeypatch):
+    """Built, started, timed and stepped."""
+    made, real = [], tables.named_arrays
+    monkeypatch.setattr(tables, "named_arrays", lambda plan, *rest: made.append(plan) or real(plan, *rest))
     plan = ferry()
     runner.provenance(plan)
     runner.time_of_a_step(plan, new_workspace(plan), steps=2)

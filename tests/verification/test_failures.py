@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.cli.main import app
 from shipgrid.components.mechanical.shaft import Shaft
 from shipgrid.controllers.blocks.pi import PiState, pi
@@ -122,7 +123,7 @@ def test_a_diverging_run_stops_at_the_first_absurd_value_and_says_where(gain):
     run = Run(plan, new_workspace(plan))
     go(run, None, 2.0)
     watched = new_workspace(plan)
-    entry, place = woven_entry(plan), plan.layout.index["bus.v_dc"]
+    entry, place = core(), plan.layout.index["bus.v_dc"]
     while np.isfinite(watched.sig).all() and abs(watched.sig[place]) < 3.0 * V_N:  # step by step, to the first absurd
         entry(1, watched.n, *arguments(plan, watched))
         watched.n += 1
@@ -194,7 +195,7 @@ def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecon
     assert run.failure.startswith(f"diverged at {run.t:.6f} s: {named}"), run.failure
     assert run.work.sig[plan.layout.index["bus.v_dc"]] == 0.0  # no bus could have told
     watched = new_workspace(plan)
-    entry = woven_entry(plan)
+    entry = core()
     while np.abs(watched.sig[plan.layout.index[named]]) <= limit:  # step by step, to the first absurd one
         entry(1, watched.n, *arguments(plan, watched))
         watched.n += 1

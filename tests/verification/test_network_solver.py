@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.errors import TopologyError
 from shipgrid.model.network import Across, Network, Pole, PortBinding, Sampled
 from verification.circuits import Hold, Sampler, SourceBranch
@@ -19,7 +21,7 @@ R, L, C, E = 0.1, 1e-3, 100e-6, 100.0
 
 def run(plan, work, seconds):
     n = round(seconds / plan.h)
-    assert woven_entry(plan)(n, work.n, *arguments(plan, work)) == n
+    assert core()(n, work.n, *arguments(plan, work)) == n
     work.n += n
 
 

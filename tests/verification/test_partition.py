@@ -10,10 +10,10 @@ import pytest
 import shipgrid as sg
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly import crew as crew_module
+from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.crew import Crew, shared_out
 from shipgrid.assembly.partition import divide, propose
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import woven_name
 from shipgrid.components.electrical.resistor import Resistor
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.errors import TopologyError
@@ -89,8 +89,8 @@ def test_the_ferry_falls_apart_as_the_paper_has_it_and_never_at_the_ac_tie():
     assert set(lines["dc_tie.branch"].parts) == {"dc_for", "dc_aft"}
 
 
-def test_a_cut_plant_has_the_woven_module_of_the_uncut_one():
-    assert woven_name(two_buses(H, CUT)) == woven_name(two_buses(H, None))
+def test_a_cut_plant_has_the_code_of_the_uncut_one():
+    assert code_names(two_buses(H, CUT).kinds) == code_names(two_buses(H, None).kinds)
 
 
 def islands(parts):

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.equipment.wiring import add_leg
@@ -33,7 +34,7 @@ def fast_run(plan, work, steps, names):
     """The same signals by the fast solver, each step, from a copy of the workspace."""
     work = work.snapshot()
     places = [plan.layout.index[name] for name in names]
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     rows = [work.sig[places].copy()]
     for k in range(steps):
         assert entry(1, work.n + k, *values) == 1
@@ -171,7 +172,7 @@ def test_the_voltage_of_an_inductive_node_comes_from_the_rates_of_the_currents()
 
 def test_opening_a_contact_keeps_the_flux_of_the_loop_that_stays():
     plan, work = star(10e-6)
-    assert woven_entry(plan)(200, 0, *arguments(plan, work)) == 200
+    assert core()(200, 0, *arguments(plan, work)) == 200
     work.n = 200
     i_1, i_2 = (work.sig[plan.layout.index[name]] for name in ("first.i", "second.i"))
     kept = (1e-3 * i_1 - 2e-3 * i_2) / 3e-3

@@ -13,9 +13,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.resistor import Resistor
 from shipgrid.components.machines.pmsm import Pmsm
@@ -51,7 +52,7 @@ def start(net, step, **values):
 def forward(plan, work, seconds):
     """On by the fast solver."""
     steps = round(seconds / plan.h)
-    assert woven_entry(plan)(steps, work.n, *arguments(plan, work)) == steps
+    assert core()(steps, work.n, *arguments(plan, work)) == steps
     work.n += steps
     work.step.rows[:] = 0
     return plan, work

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
+from shipgrid.assembly.code_store import core
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import assemble
-from shipgrid.assembly.weave import arguments, stored_energy, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.network import Across, Pole
 from shipgrid.solvers.companion import GAMMA, KAPPA
@@ -195,7 +197,7 @@ def test_the_energy_of_a_line_is_what_its_ends_take_in(R):
     bus = [index["a.v_dc"], index["b.v_dc"]]
     node = [int(np.flatnonzero(part.net.node_signal == place)[0]) for part, place in zip(plan.parts, bus, strict=True)]
     start, moved = energy(), 0.0
-    entry, given = woven_entry(plan), arguments(plan, work)
+    entry, given = core(), arguments(plan, work)
     for _ in range(400):
         before, stored = work.sig[bus].copy(), energy()
         entry(1, 0, *given)

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import WAVE_ROWS, assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.errors import InputErrors, TopologyError
 from shipgrid.io.plot import plot
 from shipgrid.model.network import Network, Waveform
@@ -70,7 +71,7 @@ def run(plan, end, windows=(), writer=None):
 def stepped(plan, steps):
     """Every signal after each step, one call a step."""
     work = new_workspace(plan)
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
     rows = [work.sig.copy()]
     for k in range(steps):
         assert entry(1, k, *values) == 1

@@ -30,7 +30,6 @@ from shipgrid.analysis.linearise import Response, state_names, without_turning
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import pencil_at, states_of
 from shipgrid.assembly.plan import Plan
-from shipgrid.assembly.weave import type_order
 from shipgrid.errors import ParameterError, SteadyStateError
 from shipgrid.model.component import STAGES
 
@@ -168,7 +167,7 @@ class _Period:
     def __init__(self, plan: Plan, point: OperatingPoint, clock: int, stirred: tuple[int, ...] = ()):
         self.plan, self.point, self.T = plan, point, float(plan.periods[clock])
         e = self.equations = point.equations
-        order = {t.kind.key: (STAGES.index(t.kind.stage), k) for k, t in enumerate(type_order(plan))}
+        order = {t.kind.key: (STAGES.index(t.kind.stage), k) for k, t in enumerate(plan.ordered_types)}
         exact = [k for k in e.kernels if k.sampled and k.clock == clock and not k.late]
         self.exact: list[_Kernels] = sorted(exact, key=lambda k: order[k.kind.key])
         modulators = [m for m in e.sampled_modulators if abs(m[1] - self.T) < 1e-9 * self.T]

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shipgrid.analysis.divergence import culprit
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.partition import Part
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import evaluate_outputs, settle_outputs
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
 from shipgrid.model.kernel import call_uncompiled
@@ -41,7 +42,7 @@ def advance(plan: Plan, work: Workspace, seconds: float) -> None:
 
 def advancing(plan: Plan, work: Workspace) -> Callable[[float], None]:
     """`advance` of a plant, as a function of the seconds alone."""
-    entry, values = woven_entry(plan), arguments(plan, work)
+    entry, values = core(), arguments(plan, work)
 
     def advance(seconds: float) -> None:
         left = round(seconds / plan.h)

@@ -7,9 +7,10 @@ import threading
 import time
 from collections.abc import Callable
 
+from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import crew_arguments, woven_entry
-from shipgrid.solvers.crew import LISTENING, OVER, TURN, new_posts, release
+from shipgrid.assembly.tables import crew_arguments
+from shipgrid.solvers.crew import LISTENING, TURN, new_posts
 
 FOREVER = 2**62
 
@@ -40,7 +41,7 @@ def shared_out(plan: Plan, workers: int) -> list[int]:
 
 
 class Crew:
-    """Steps a plan: `crew(steps, first_step)`, as its woven entry point does.
+    """Steps a plan: `crew(steps, first_step)`.
 
     What is computed does not depend on the number of threads. The thread that calls leads; the others wait for it in
     compiled code, without the interpreter lock, until the crew is left.
@@ -66,7 +67,7 @@ class Crew:
         crowded: bool | None = None,
     ) -> None:
         workers = max(1, min(workers, len(plan.parts)))
-        self.plan, self.entry = plan, woven_entry(plan)
+        self.plan, self.entry = plan, core()
         self.posts = new_posts(workers, crowded=workers > len(cores()) if crowded is None else crowded)
         self.crew = shared_out(plan, workers)
         self.arguments = crew_arguments(plan, work, self.posts, self.crew)
@@ -99,7 +100,7 @@ class Crew:
 
     def __exit__(self, *exception: object) -> None:
         if self.threads:
-            release(self.posts, OVER)
+            self.entry(-1, 0, *self.arguments[0])
         for thread in self.threads:
             if thread.ident is not None:  # it has been started
                 thread.join()

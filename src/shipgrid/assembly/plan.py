@@ -15,13 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shipgrid.assembly.contacts import energy_of_contacts
-from shipgrid.assembly.layout import NORTON_FIELDS, ZERO, Layout, by_type, lay_out, united
+from shipgrid.assembly.layout import NORTON_FIELDS, ZERO, Layout, TypeLayout, by_type, lay_out, united
 from shipgrid.assembly.network_plan import network_plan
 from shipgrid.assembly.partition import Part, Partition, divide
 from shipgrid.assembly.plausible import largest_plausible
+from shipgrid.assembly.schedule import Schedule, schedule_of, type_order
 from shipgrid.assembly.stiff import means_of_steps, stiff_storage
+from shipgrid.assembly.unit_text import LEDGERS
 from shipgrid.errors import ParameterError, TopologyError
-from shipgrid.model.component import POSITION, fields_of, type_of
+from shipgrid.model.component import POSITION, ComponentType, fields_of, type_of
 from shipgrid.model.kernel import in_one_piece
 from shipgrid.model.network import Every, Network, Placed, PublicSignal, Sampled, Waveform
 from shipgrid.model.records import names_of, size_of
@@ -40,8 +42,10 @@ class StepPlan(NamedTuple):
     clock_inc: np.ndarray
     clock_den: np.ndarray
     clock_period: np.ndarray
-    due_start: np.ndarray  # (clocks + 1,) first entry of `due_type` of each clock
-    due_type: np.ndarray  # numbers of the component types with an instance on it
+    due_start: np.ndarray  # (clocks + 1,) first entry of `due_condition` of each clock
+    due_condition: np.ndarray  # conditions of `Schedule` that change when it strikes
+    due_value: np.ndarray  # what they are then
+    due_idle: np.ndarray  # (conditions,) what each is while no clock strikes
     kept: np.ndarray  # places of the measured network quantities that are looked back at from the next step
     links: np.ndarray  # (n, 3) between two steps of a plant in parts: place, and the two whose difference it takes
     recorded: np.ndarray  # (signals,) places of the signals of the group `plant`, then of `slow`
@@ -75,7 +79,7 @@ class StepPlan(NamedTuple):
 class StepWork(NamedTuple):
     """What the woven step writes beside the signals."""
 
-    due: np.ndarray  # (types,) 1 where an instance runs in this step
+    due: np.ndarray  # (conditions,) 1 where the calls under this condition are made in this step
     booked: np.ndarray  # (1,) 1 if the audit is due after the coming step
     clock_phase: np.ndarray
     clock_before: np.ndarray  # fraction of the last step at which the clock's instant fell, or -1
@@ -127,6 +131,8 @@ class Plan:
         Recorded public signals by group.
     delay_lines : dict of str to (int, int)
         First cell and number of cells of each delay line, by the path of its component.
+    schedule : Schedule
+        Calls of a step.
     parts : tuple of Plan
         Of a plant that is cut: what has its components and nodes. The plan itself keeps the books then, and its
         layout has the signals of all parts.
@@ -146,6 +152,7 @@ class Plan:
     groups: dict[str, list[str]]
     limiter_paths: list[str]
     delay_lines: dict[str, tuple[int, int]]
+    schedule: Schedule
     parts: tuple[Plan, ...] = ()
     partition: Partition | None = None
 
@@ -153,6 +160,17 @@ class Plan:
     def pieces(self) -> tuple[Plan, ...]:
         """The plans that have components and nodes: the parts, or this one."""
         return self.parts or (self,)
+
+    @property
+    def kinds(self) -> list[ComponentType]:
+        """Component types in use, in the order of the flat vector."""
+        return [t.kind for t in self.layout.types]
+
+    @property
+    def ordered_types(self) -> list[TypeLayout]:
+        """Types in an order in which each runs after those of its own stage whose outputs it reads."""
+        by_key = {t.kind.key: t for t in self.layout.types}
+        return [by_key[kind.key] for kind in type_order(self.network, self.kinds, self.layout.states)]
 
     def refuse_parts(self) -> None:
         """Stop whoever would see an empty plant, since the components of a plant in parts are in those.
@@ -218,7 +236,6 @@ CHUNK_ROWS = 512
 WAVE_ROWS = 1024
 """Steps of a waveform window between two visits of the runner."""
 EVENTS = 4096
-LEDGERS = ("losses", "supplied", "consumed")
 
 
 def assemble(
@@ -267,7 +284,8 @@ def assemble(
     partition = divide(network, parts, step) if parts else None
     if partition is None or len(partition.parts) < 2:
         layout = lay_out(network)
-        return _plan(network, layout, step, rates, _books(network, layout))
+        schedule = schedule_of(network, [t.kind for t in layout.types], layout.states)
+        return _plan(network, layout, step, rates, _books(network, layout), schedule)
     kinds = {kind.key: kind for kind in (type_of(placed.item) for placed in network.placed.values())}
     layouts: list[Layout] = []
     for part in partition.parts:
@@ -279,11 +297,12 @@ def assemble(
             there = getattr(whole, sort)
             own = {layout.index[path] for path in part.foreign if whole.place(path, part.name) in there}
             getattr(layout, sort).update(own)
-    plans = tuple(_plan(part, layout, step, rates, NO_BOOKS) for part, layout in placed_in)
+    schedule = schedule_of(network, [t.kind for t in whole.types], whole.states)
+    plans = tuple(_plan(part, layout, step, rates, NO_BOOKS, schedule) for part, layout in placed_in)
     for layout in layouts:
         whole.initial[layout.first : layout.size] = layout.initial[layout.first :]
     empty = Network(network.name, network.fidelity)
-    books = _plan(empty, whole, step, rates, _books(network, whole))
+    books = _plan(empty, whole, step, rates, _books(network, whole), schedule)
     return replace(
         books,
         network=network,
@@ -337,7 +356,9 @@ def _places(values: Iterable[int]) -> np.ndarray:
 NO_BOOKS = _books(Network(""), lay_out(Network("")))
 
 
-def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], books: Books) -> Plan:
+def _plan(
+    network: Network, layout: Layout, step: float, rates: dict[str, int], books: Books, schedule: Schedule
+) -> Plan:
     """The plan of a network whose signals have their places."""
     clocks = _Clocks(step)
     clock_of, gathers = {}, {}
@@ -365,14 +386,17 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
     stiff, lost = stiff_storage(network, layout, net, step, energy_items, weight)
     shunts = [shunt for shunt in network.shunts if shunt[1] > 0.0]
     energy_items += lost + [(path, ledger) for _, _, path, ledger in shunts]
-    due = [[k for k, t in enumerate(layout.types) if c in clock_of[t.kind.key]] for c in range(len(clocks.periods))]
+    on_clock = [{key for key, of_type in clock_of.items() if c in of_type} for c in range(len(clocks.periods))]
+    due = [[k for k, (_, types) in enumerate(schedule.conditions) if types & on] for on in on_clock]
     plan = StepPlan(
         h=step,
         clock_inc=_places(c[0] for c in clocks.ratios),
         clock_den=_places(c[1] for c in clocks.ratios),
         clock_period=np.array(clocks.periods),
-        due_start=np.cumsum([0, *(len(on) for on in due)]),
-        due_type=_places(k for on in due for k in on),
+        due_start=np.cumsum([0, *(len(struck) for struck in due)]),
+        due_condition=_places(k for struck in due for k in struck),
+        due_value=_places(int(not schedule.conditions[k][0]) for struck in due for k in struck),
+        due_idle=_places(int(idle) for idle, _ in schedule.conditions),
         kept=_places(sorted(_looked_back_at(layout, gathers, clock_of, clocks))),
         links=np.zeros((0, 3), dtype=np.int64),
         n_plant=len(books.groups["plant"]),
@@ -402,6 +426,7 @@ def _plan(network: Network, layout: Layout, step: float, rates: dict[str, int], 
         books.groups,
         books.limiter_paths,
         delay_lines,
+        schedule,
     )
 
 
@@ -501,7 +526,7 @@ def _workspace(plan: Plan, sig: np.ndarray) -> Workspace:
         moved=np.zeros(1, dtype=np.int64),
     )
     step = StepWork(
-        due=np.zeros(len(plan.layout.types), dtype=np.int64),
+        due=np.zeros(len(plan.schedule.conditions), dtype=np.int64),
         booked=np.full(1, plan.step.audit_every == 1, dtype=np.int64),
         clock_phase=np.zeros(len(plan.periods), dtype=np.int64),
         clock_before=np.full(len(plan.periods), -1.0),
@@ -563,7 +588,7 @@ class _Clocks:
                     f"step = {self.h:g} s is too long for {placed.path}, which is sampled at {clock.hertz:g} Hz: "
                     f"expected at most {1.0 / clock.hertz:g} s"
                 )
-            inc, den, period = ratio.numerator, ratio.denominator, 1.0 / clock.hertz
+            inc, den, period = ratio.numerator, ratio.denominator, 1.0 / clock.hertz if ratio < 1 else self.h
         if (inc, den) not in self.ratios:
             self.ratios.append((inc, den))
             self.periods.append(period)

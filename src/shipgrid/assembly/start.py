@@ -12,7 +12,8 @@ import numpy as np
 from shipgrid.assembly.layout import ONE, TypeLayout
 from shipgrid.assembly.partition import LineEnd
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import NORTON, type_order, type_views
+from shipgrid.assembly.tables import type_views
+from shipgrid.assembly.unit_text import NORTON
 from shipgrid.model.component import type_of
 from shipgrid.model.kernel import argument_names, call_uncompiled
 from shipgrid.model.network import Placed, PortBinding
@@ -44,7 +45,7 @@ def settle_outputs(plan: Plan, work: Workspace) -> None:
         return
     pairs = plan.gathers["network"]["latest"]
     for _ in range(2):
-        for t in type_order(plan):
+        for t in plan.ordered_types:
             kind = t.kind
             if kind.linear:
                 continue
@@ -62,11 +63,11 @@ def evaluate_outputs(plan: Plan, work: Workspace, t: TypeLayout) -> None:
     kernel = t.kind.kernels.get("outputs")
     if kernel is None:
         return
-    views = dict(type_views(plan, work, t))
+    views = type_views(plan, work, t)
     names = argument_names(kernel)
     for i in range(len(t.placed)):
         values: dict[str, Any] = {"t": 0.0, "tables": plan.step.tables, "delays": work.step.delays}
-        values |= {n: views[f"{t.kind.key}_{n}"].view(np.recarray)[i] for n in names if n not in values}
+        values |= {n: views[n].view(np.recarray)[i] for n in names if n not in values}
         with np.errstate(all="ignore"):  # a machine at rest divides zero by zero where its kernel guards by inf
             call_uncompiled(kernel, values)
 
@@ -197,7 +198,7 @@ def _solved(plan: Plan, work: Workspace, gh: float) -> _Solved:
     for t in layout.types:
         if not t.kind.terminals:
             continue
-        views = dict(type_views(plan, work, t)) if t.kind.stamped else {}
+        views = type_views(plan, work, t) if t.kind.stamped else {}
         for i, placed in enumerate(t.placed):
             bindings = [placed.ports[terminal.name] for terminal in t.kind.terminals]
             c = sig[[layout.place(b.coefficient, placed.path) if b.coefficient else ONE for b in bindings]]
@@ -315,10 +316,10 @@ def _is_isolated(Y: np.ndarray, port: _Port) -> bool:
 
 
 def _call_isolated(plan: Plan, work: Workspace, port: _Port) -> None:
-    kernel, key = port.t.kind.kernels["isolated"], port.t.kind.key
+    kernel = port.t.kind.kernels["isolated"]
     values: dict[str, Any] = {"tables": plan.step.tables, "delays": work.step.delays}
     names = argument_names(kernel)
-    values |= {n: port.views[f"{key}_{n}"].view(np.recarray)[port.i] for n in names if n not in values}
+    values |= {n: port.views[n].view(np.recarray)[port.i] for n in names if n not in values}
     call_uncompiled(kernel, values)
 
 
@@ -412,9 +413,9 @@ def settle_modulators(plan: Plan, work: Workspace) -> None:
             continue
         gather = plan.gathers[key]["now"]
         sig[gather[:, 0]] = sig[gather[:, 1]]
-        views = dict(type_views(plan, work, t))
+        views = type_views(plan, work, t)
         for i in range(len(t.placed)):
-            values = {n: views[f"{key}_{n}"].view(np.recarray)[i] for n in names if n != "fraction"}
+            values = {n: views[n].view(np.recarray)[i] for n in names if n != "fraction"}
             call_uncompiled(kernel, values | {"fraction": -1.0})
 
 
@@ -437,10 +438,10 @@ def _stamped(
     plan: Plan, work: Workspace, t: TypeLayout, i: int, views: dict[str, Any], gh: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Norton equivalent of a stamped device's implicit Euler step."""
-    kernel, key = t.kind.kernels["stamp"], t.kind.key
+    kernel = t.kind.kernels["stamp"]
     norton = np.zeros(1, NORTON).view(np.recarray)[0]
     values: dict[str, Any] = {"t": 0.0, "gh": gh, "n": norton, "tables": plan.step.tables, "delays": work.step.delays}
-    values |= {n: views[f"{key}_{n}"].view(np.recarray)[i] for n in argument_names(kernel) if n not in values}
+    values |= {n: views[n].view(np.recarray)[i] for n in argument_names(kernel) if n not in values}
     with np.errstate(all="ignore"):
         call_uncompiled(kernel, values)
     return np.array([[norton.g_aa, norton.g_ab], [norton.g_ba, norton.g_bb]]), np.array([norton.h_a, norton.h_b])

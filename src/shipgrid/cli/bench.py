@@ -19,13 +19,12 @@ SPELL = 5000
 
 
 def warm_up() -> float:
-    """Compile everything that runs of the ferry need, at both fidelities; returns the seconds it took."""
-    from shipgrid.model.network import FIDELITIES
+    """Compile every component type of the package, so that no ship waits for one; returns the seconds it took."""
+    from shipgrid.assembly.code_store import compile_missing
+    from shipgrid.model.component import load_all
 
     began = time.perf_counter()
-    for fidelity in FIDELITIES:
-        _, started = start_case("ferry", "mission", fidelity)
-        _advance(started, 10)
+    compile_missing(kind for kind in load_all().values() if kind.cls.__module__.startswith("shipgrid."))
     return time.perf_counter() - began
 
 

@@ -1,8 +1,8 @@
-"""The one door to the compiler.
+"""The one door to the compiler: how kernels are compiled, and what they find beside their arguments.
 
 `error_model="numpy"` makes a division by zero inf or NaN, which the step's status check reports, instead of a
 branch at every division; `fastmath` stays off so that sums keep their order and two machines agree. Kernels are
-never cached on disk; only the entry point of a woven module is (docs/decisions/0002-woven-module.md).
+never cached on disk; what is made of them is: units and the core (`assembly/object_code.py`).
 
 `_nrt=False` compiles without reference counts: a kernel that would allocate does not compile, and views of the flat
 vector are passed on without the atomic increments that cost a step of the ferry several microseconds. Nobody calls a
@@ -52,9 +52,8 @@ def inlined(function: Function) -> Dispatcher[Function]:
     return njit(forceinline=True, **OPTIONS)(function)
 
 
-def entry_point(function: Function) -> Dispatcher[Function]:
-    """Compile the `function` by which a woven module is entered; its machine code is kept on disk."""
-    return njit(cache=True, nogil=True, **OPTIONS)(function)
+PLACE = "i8" if config.DISABLE_JIT else "u8"  # pyright: ignore[reportAttributeAccessIssue]
+"""Element type of arrays of places and counts, see `without_sign`."""
 
 
 class ArrayTable:
@@ -68,17 +67,19 @@ class ArrayTable:
     rows : sequence of TableRow
     moved : sequence of mapping of str to ndarray
         For each of them the arrays that take the place of those it was made with.
+
+    Attributes
+    ----------
+    numbers : list of ndarray
+        The rows, of int64. The table keeps alive what they name.
+    addresses : ndarray
+        Where each begins.
     """
 
     def __init__(self, rows: Sequence[TableRow], moved: Sequence[Mapping[str, np.ndarray]]) -> None:
-        numbers = np.array([row.numbers(arrays) for row, arrays in zip(rows, moved, strict=True)])
-        self.kept = numbers, list(rows), list(moved)
-        self.__array_interface__ = numbers.__array_interface__
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """The table itself, (rows, entries) of int64; it keeps alive what it names."""
-        return np.asarray(self)
+        self.numbers = [row.numbers(arrays) for row, arrays in zip(rows, moved, strict=True)]
+        self.addresses = np.array([_address(numbers) for numbers in self.numbers], dtype=np.int64)
+        self.kept = list(rows), list(moved)
 
 
 class TableRow:
@@ -189,7 +190,10 @@ def without_sign(places: np.ndarray) -> np.ndarray:
 
 
 def array_view(dtype: Any, ndim: int) -> Any:
-    """What compiled code calls as `view(table, place)`: the array, of this type, whose entry begins at `place`."""
+    """What compiled code calls as `view(table, place)`: the array, of this type, whose entry is there.
+
+    `table` is the address of whole numbers, `place` counts them.
+    """
     element = np.dtype(dtype)
     if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
         return partial(_plain_view, element, ndim)
@@ -197,9 +201,9 @@ def array_view(dtype: Any, ndim: int) -> Any:
     word = ir.IntType(64)
 
     @intrinsic
-    def view(_context: Any, table: Any, place: Any) -> Any:
-        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            numbers = make_array(signature.args[0])(context, builder, arguments[0]).data
+    def view(_context: Any, _table: Any, _place: Any) -> Any:
+        def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            numbers = builder.inttoptr(arguments[0], word.as_pointer())
 
             def number(k: int) -> Any:
                 return builder.load(builder.gep(numbers, [builder.add(arguments[1], word(k))]))
@@ -213,9 +217,38 @@ def array_view(dtype: Any, ndim: int) -> Any:
             populate_array(found, data, shape, strides, itemsize=word(element.itemsize), meminfo=None)
             return found._getvalue()
 
-        return array(table, types.int64), build
+        return array(types.int64, types.int64), build
 
     return view
+
+
+UNIT_ARGUMENTS = (types.int64, types.int64, types.float64, types.float64, types.float64)
+"""Of a unit: operation, address of its table, time [s], step [s], step of a stage of the network [s]."""
+
+PLAIN_UNITS: list[Callable[..., None]] = []
+"""Units that are not compiled: their address is their number in this list."""
+
+
+def _call_unit() -> Any:
+    """What compiled code calls as `call_unit(address, *UNIT_ARGUMENTS)`.
+
+    As Numba calls a compiled function: places for the result and for an exception come first, and what comes back is 0.
+    A unit raises nothing (`assembly/object_code.py` sees to it).
+    """
+
+    @intrinsic
+    def call_unit(_context: Any, _address: Any, _operation: Any, _table: Any, _t: Any, _h: Any, _gh: Any) -> Any:
+        def build(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
+            pointer = ir.IntType(8).as_pointer()
+            given = [context.get_value_type(kind) for kind in UNIT_ARGUMENTS]
+            unit = ir.FunctionType(ir.IntType(32), [pointer.as_pointer(), pointer.as_pointer(), *given])
+            places = [cgutils.alloca_once(builder, pointer) for _ in range(2)]
+            builder.call(builder.inttoptr(arguments[0], unit.as_pointer()), [*places, *arguments[1:]])
+            return context.get_dummy_value()
+
+        return types.void(types.int64, *UNIT_ARGUMENTS), build
+
+    return call_unit
 
 
 CLOCKS = {"linux": 1, "darwin": 6}
@@ -316,6 +349,10 @@ def _breathe() -> Any:
 if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
     monotonic_ns: Any = time.monotonic_ns
 
+    def call_unit(address: int, operation: int, table: int, t: float, h: float, gh: float) -> None:
+        """Call one of `PLAIN_UNITS`."""
+        PLAIN_UNITS[address](operation, table, t, h, gh)
+
     def fence() -> None:
         """Nothing: plain Python keeps the order."""
 
@@ -333,11 +370,12 @@ if config.DISABLE_JIT:  # pyright: ignore[reportAttributeAccessIssue]
 
 else:
     monotonic_ns, fence, seen, shows, breathe = _clock(), _fence(), _seen(), _shows(), _breathe()
+    call_unit = _call_unit()
 
 
-def _plain_view(element: np.dtype, ndim: int, table: np.ndarray, place: int) -> np.ndarray:
-    shape = table[place + 1 : place + 1 + ndim]
-    memory = (ctypes.c_char * int(element.itemsize * np.prod(shape))).from_address(int(table[place]))
+def _plain_view(element: np.dtype, ndim: int, table: int, place: int) -> np.ndarray:
+    address, *shape = (ctypes.c_int64 * (1 + ndim)).from_address(int(table) + 8 * place)
+    memory = (ctypes.c_char * int(element.itemsize * np.prod(shape))).from_address(address)
     return np.frombuffer(memoryview(memory), element).reshape(shape).view(np.recarray if element.names else np.ndarray)
 
 

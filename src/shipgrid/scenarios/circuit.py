@@ -22,6 +22,7 @@ import numpy as np
 
 from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.assembly import plan as assembly
+from shipgrid.assembly.energy import powers, stored_energy
 from shipgrid.assembly.hand_over import (
     fill_delay_lines,
     places_to_set,
@@ -33,7 +34,6 @@ from shipgrid.assembly.hand_over import (
     taken_over,
 )
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
-from shipgrid.assembly.weave import powers, stored_energy
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled

@@ -24,10 +24,11 @@ from shipgrid.analysis.class_limits import class_verdicts
 from shipgrid.analysis.divergence import culprit
 from shipgrid.analysis.requirements import FIGURES, evaluate
 from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.assembly.code_store import code_digest
 from shipgrid.assembly.crew import Crew
+from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
-from shipgrid.assembly.weave import stored_energy, woven_name
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import equip, operator_of
 from shipgrid.errors import InputErrors, ParameterError, SolverError
@@ -834,7 +835,7 @@ def provenance(plan: Plan) -> dict[str, str]:
     return {
         "version": shipgrid.__version__,
         "commit": commit,
-        "plan": woven_name(plan),
+        "code": code_digest(plan.kinds),
         "python": platform.python_version(),
         "numba": numba.__version__,
         "numpy": np.__version__,

@@ -9,25 +9,37 @@ import numpy as np
 
 from shipgrid.model import kernel
 from shipgrid.model.kernel import inlined
+from shipgrid.solvers.companion import GAMMA
 
 UNDERFLOW = 1e-150
 """A signal below this magnitude, in any SI unit, is zero."""
 
 
 @inlined
-def tick_clocks(clock_inc, clock_before, clock_ahead, clock_phase, clock_den, due, due_start, due_type):
+def tick_clocks(
+    clock_inc,
+    clock_before,
+    clock_ahead,
+    clock_phase,
+    clock_den,
+    due,
+    due_idle,
+    due_start,
+    due_condition,
+    due_value,
+):
     """Start a step: where in the last step, and where in the coming one, does each clock's instant fall?
 
-    Integer arithmetic: the phase counts in units of 1/den of the clock's period, a step adds `inc`. Component types
-    with an instance whose clock struck are marked as due, so that the others are passed by.
+    Integer arithmetic: the phase counts in units of 1/den of the clock's period, a step adds `inc`. What is
+    due depends on which clocks struck, so that all else is passed by.
     """
     for k in range(due.shape[0]):
-        due[k] = 0
+        due[k] = due_idle[k]
     for c in range(clock_inc.shape[0]):
         clock_before[c] = clock_ahead[c]
         if clock_before[c] >= 0.0:
             for k in range(due_start[c], due_start[c + 1]):
-                due[due_type[k]] = 1
+                due[due_condition[k]] = due_value[k]
         phase = clock_phase[c] + clock_inc[c]
         if phase >= clock_den[c]:
             phase -= clock_den[c]
@@ -120,6 +132,24 @@ def book_contacts(
         for k in range(drop_row[drop_first[e] + now], drop_row[drop_first[e] + now + 1]):
             energy[drop_ledger[e]] += drop_s[k] * sig[drop_a[k]] * sig[drop_b[k]]
     moved[0] = 0
+
+
+@inlined
+def book_shunts_first(sig, shunt_node, shunt_g, stage_power, n_energy):
+    """The first stage's share of the mean power of each shunt."""
+    first = n_energy - shunt_node.shape[0]
+    for i in range(shunt_node.shape[0]):
+        v = sig[shunt_node[i]]
+        stage_power[first + i] = (1.0 - GAMMA) * shunt_g[i] * v * v
+
+
+@inlined
+def book_shunts_second(sig, shunt_node, shunt_g, stage_power, n_energy):
+    """The second stage's share."""
+    first = n_energy - shunt_node.shape[0]
+    for i in range(shunt_node.shape[0]):
+        v = sig[shunt_node[i]]
+        stage_power[first + i] = stage_power[first + i] + GAMMA * shunt_g[i] * v * v
 
 
 @inlined

@@ -43,7 +43,6 @@ from scipy.integrate import Radau
 
 from shipgrid.assembly.layout import ONE, TypeLayout
 from shipgrid.assembly.plan import Plan, Workspace
-from shipgrid.assembly.weave import type_order
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
 from shipgrid.model.kernel import uncompiled
@@ -296,7 +295,7 @@ class _Plant:
         delays = work.step.delays
         self.instances = [_Instance(plan, t, k, delays) for t in plan.layout.types for k in range(len(t.placed))]
         by_type = {t.kind.key: [i for i in self.instances if i.type is t] for t in plan.layout.types}
-        ordered = [i for t in type_order(plan) for i in by_type[t.kind.key]]
+        ordered = [i for t in plan.ordered_types for i in by_type[t.kind.key]]
         ordered.sort(key=lambda i: STAGES.index(i.type.kind.stage))
         elements = [i for i in self.instances if i.type.kind.linear]
         self.machines = [i for i in self.instances if i.type.kind.stamped]

@@ -1,6 +1,6 @@
-"""A woven module is compiled again when any source it depends on changes, and never for anything else.
+"""A component type is compiled once, whatever ship it is in; again when anything that it depends on changes, and alone.
 
-Each case runs in a process of its own on a copy of the package, with a cache folder of its own.
+Each case of an edit runs in a process of its own on a copy of the package, with a cache folder of its own.
 """
 
 from __future__ import annotations
@@ -12,19 +12,29 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 import shipgrid
+from shipgrid.assembly import code_store, object_code
+from shipgrid.assembly.code_store import core, source_of
+from shipgrid.assembly.fingerprint import reached
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
+from shipgrid.errors import ShipgridError
+from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model import component, kernel, signal
+from shipgrid.model.component import load_all, type_of
 from shipgrid.model.network import Network
+from shipgrid.scenarios.runner import build
 from shipgrid.units import Ratio
 
 SCRIPT = """
 import json, sys
+from shipgrid.assembly import code_store
 from shipgrid.assembly.plan import assemble, new_workspace
-from shipgrid.assembly.weave import arguments, woven_entry
+from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.controllers.motor_speed import MotorSpeed
@@ -45,18 +55,18 @@ plan = assemble(net, case["step"])
 work = new_workspace(plan)
 for node in ("a.v_dc", "b.v_dc"):
     work.sig[plan.layout.index[node]] = 750.0
-run = woven_entry(plan)
-assert run(4, 0, *arguments(plan, work)) == 4
+assert code_store.core()(4, 0, *arguments(plan, work)) == 4
 signals = {n: work.sig[plan.layout.index[n]] for n in ("speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta")}
-misses = sum(run.stats.cache_misses.values()) if hasattr(run, "stats") else 0
-print(json.dumps(signals | {"module": run.__module__, "compiled": misses}))
+print(json.dumps(signals | {"code": code_store.code_names(plan.kinds)}))
 """
 
+SPEED, CURRENT = "motor_speed_MotorSpeed", "drive_current_DriveCurrent"
 EDITS = {
     "a component": (
         "controllers/motor_speed.py",
         "pi(u.n_ref - u.omega_pu, 0.0,",
         "pi(u.n_ref - u.omega_pu, 0.125,",
+        {SPEED},
         "speed_0.tau_ref",
         lambda old: old + 0.125,
     ),
@@ -64,6 +74,7 @@ EDITS = {
         "controllers/blocks/pi.py",
         "wanted = k_p * e + x.i + ff",
         "wanted = 2.0 * k_p * e + x.i + ff",
+        {SPEED},
         "speed_0.tau_ref",
         lambda old: 2.0 * old,
     ),
@@ -71,6 +82,7 @@ EDITS = {
         "model/ops.py",
         "return minimum(maximum(a, low), high)",
         "return minimum(maximum(a, low), high) + 0.25",
+        {SPEED},
         "speed_0.tau_ref",
         lambda old: old + 0.25,
     ),
@@ -78,6 +90,7 @@ EDITS = {
         "model/frames.py",
         "return cos * d - sin * q, sin * d + cos * q",
         "return 3.0 * (cos * d - sin * q), sin * d + cos * q",
+        {CURRENT},
         "current_0.s_alpha",
         lambda old: 3.0 * old,
     ),
@@ -89,12 +102,11 @@ class Copy:
 
     def __init__(self, folder: Path):
         self.folder, self.cache = folder, folder / "cache"
-        shutil.copytree(
-            Path(shipgrid.__file__).parent, folder / "shipgrid", ignore=shutil.ignore_patterns("__pycache__")
-        )
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(Path(shipgrid.__file__).parent, folder / "shipgrid", ignore=ignored)
 
     def run(self, compiler: bool = True, **case) -> dict:
-        """Signals of the small plant, run in a new process; the module's name, and how many functions it compiled."""
+        """Signals of the small plant, run in a new process, and the names of its code."""
         surroundings = os.environ | {
             "NUMBA_DISABLE_JIT": "0" if compiler else "1",
             "PYTHONPATH": str(self.folder),
@@ -108,15 +120,14 @@ class Copy:
             cwd=self.folder,
             capture_output=True,
             text=True,
-            timeout=100,
+            timeout=200,
         )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 
-    def files(self) -> dict[str, int]:
-        """Every file of the cache, with the time it was written."""
-        found = (path for path in self.cache.rglob("*") if path.is_file())
-        return {str(path.relative_to(self.cache)): path.stat().st_mtime_ns for path in found}
+    def objects(self) -> dict[str, int]:
+        """Every object that is kept, with the time it was written."""
+        return {path.stem: path.stat().st_mtime_ns for path in self.cache.glob("objects/*.o")}
 
 
 @pytest.fixture(scope="module")
@@ -126,52 +137,107 @@ def copy(tmp_path_factory):
     return made
 
 
-def test_the_first_run_compiles(copy):
+def test_the_first_run_compiles_the_core_and_each_type(copy):
     first = copy.first[True]
-    assert first["compiled"] == 1
-    assert any(name.startswith(first["module"]) for name in copy.files())
+    assert set(first["code"]) <= copy.objects().keys()
     assert first["speed_0.tau_ref"] == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(
-    ("what", "compiler"),
-    [
-        *((what, False) for what in EDITS),  # a module of another name has no machine code on disk
-        ("ops", True),
-        *(pytest.param(what, True, marks=pytest.mark.full) for what in EDITS if what != "ops"),
-    ],
-)
-def test_an_edit_is_seen_at_the_next_start_and_its_reversal_too(copy, what, compiler):
-    name, old, new, signal_, expected = EDITS[what]
+@pytest.mark.parametrize(("what", "compiler"), [("ops", False), *((what, True) for what in EDITS)])
+def test_an_edit_is_seen_by_those_who_use_it_alone_and_its_reversal_too(copy, what, compiler):
+    name, old, new, users, signal_, expected = EDITS[what]
     path, first = copy.folder / "shipgrid" / name, copy.first[compiler]
     text = path.read_text()
     assert text.count(old) == 1
     path.write_text(text.replace(old, new))
+    before = copy.objects()
     try:
         edited = copy.run(compiler)
     finally:
         path.write_text(text)
     assert edited[signal_] == pytest.approx(expected(first[signal_]), rel=1e-9)
-    assert edited["module"] != first["module"] and edited["compiled"] == int(compiler)
-    assert copy.run(compiler) == first | {"compiled": 0}
+    anew = set(edited["code"]) - set(first["code"])
+    assert {name.rpartition("_")[0] for name in anew} == users
+    assert copy.objects().keys() - before.keys() == (anew if compiler else set())
+    now = copy.objects()
+    assert copy.run(compiler) == first
+    assert copy.objects() == now
+
+
+def test_a_comment_or_a_docstring_changes_nothing(copy):
+    path = copy.folder / "shipgrid" / "controllers" / "motor_speed.py"
+    text, before = path.read_text(), copy.objects()
+    path.write_text(text.replace("@kernel\n", "# what a comment says\n\n\n@kernel\n"))
+    try:
+        assert copy.run() == copy.first[True]
+    finally:
+        path.write_text(text)
+    assert copy.objects() == before
 
 
 def test_values_connections_numbers_of_instances_and_the_step_compile_nothing(copy):
-    before = copy.files()
+    before = copy.objects()
     case = {"K_p": 5.0, "n_ref": 0.08, "drives": 3, "measures": "b.v_dc", "step": 20e-6}
     changed = copy.run(**case)
-    assert changed["compiled"] == 0
-    assert changed["module"] == copy.first[True]["module"]
+    assert changed["code"] == copy.first[True]["code"]
     assert changed["speed_0.tau_ref"] == pytest.approx(5.0 * 0.08)
-    assert copy.files() == before
+    assert copy.objects() == before
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:100] + b"x" + b[101:]])
+def test_a_damaged_object_is_made_again(copy, damage):
+    name = next(name for name in copy.first[True]["code"] if name.startswith(SPEED))
+    path = copy.cache / "objects" / f"{name}.o"
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    assert copy.run() == copy.first[True]
+    assert len(path.read_bytes()) == len(whole)
 
 
 def test_a_plant_runs_without_the_compiler_to_the_last_bit(copy):
     """So that a debugger can step through it."""
     plain, compiled = copy.run(compiler=False, drives=2), copy.run(drives=2)
-    assert plain["compiled"] == 0
     for name in ("speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta"):
         assert plain[name] == compiled[name] != 0.0
+
+
+@pytest.mark.parametrize("fidelity", ["averaged", "switching"])
+def test_a_plant_of_a_structure_never_seen_needs_no_compiler(monkeypatch, tmp_path, fidelity):
+    """Every type of the package is there after `shipgrid warm`; what is new is which of them a plant has."""
+
+    def refuse(*_):
+        raise AssertionError("the compiler was asked")
+
+    code_store.compile_missing(kind for kind in load_all().values() if kind.cls.__module__.startswith("shipgrid."))
+    monkeypatch.setattr(object_code, "compile_object", refuse)
+    monkeypatch.setattr(code_store, "compile_in_parallel", refuse)
+    source = YAML(typ="safe").load(bundled("ship")["ferry"])
+    del source["parts"]
+    for name in [name for name in source["equipment"] if name.startswith(("genset", "rectifier"))]:
+        del source["equipment"][name]
+    path = tmp_path / "electric.yaml"
+    with path.open("w") as file:
+        YAML().dump(source, file)
+    plan = build(load_ship(path), 30e-6, fidelity)
+    assert core()(3, 0, *arguments(plan, new_workspace(plan))) == 3
+
+
+def test_constants_enter_with_their_value():
+    def of(value):
+        scope = {"LIMIT": value}
+        exec("def kernel(x):\n    return x + LIMIT\n", scope)
+        scope["kernel"].__module__ = "somewhere"
+        return reached(scope["kernel"])
+
+    assert of(1.0) == of(1.0) != of(2.0)
+    assert of((1.0, 2.0)) != of((1.0, 3.0))
+    assert of(np.arange(3)) != of(np.arange(4))
+
+
+def test_every_type_of_the_package_has_a_source_of_its_own():
+    kinds = [kind for kind in load_all().values() if kind.cls.__module__.startswith("shipgrid.")]
+    names = [source.name for source in map(source_of, kinds) if source.text]
+    assert len(set(names)) == len(names) > 40
 
 
 class LinkInput:
@@ -197,9 +263,21 @@ class SecondLink:
     """Doubles as well."""
 
 
+@kernel
+def forgetful_outputs(u, y):
+    if u.given < 0.0:
+        raise ValueError("below zero")
+    y.value = u.given
+
+
+@component(input=LinkInput, output=LinkOutput, outputs=forgetful_outputs, stage="outer")
+class Raising:
+    """Raises, which a kernel may not."""
+
+
 @pytest.mark.parametrize(("before", "after"), [(FirstLink, SecondLink), (SecondLink, FirstLink)])
 def test_components_of_one_stage_run_in_the_order_of_their_connections_whichever_that_is(before, after):
-    """The order is written into the module: two plants with the same types and the opposite order need two."""
+    """The order is contents of an array: two plants with the same types and the opposite order share their code."""
     net = Network("links")
     bus = net.dc_bus("bus", 100.0)
     net.capacitance(bus, 1e-3)
@@ -207,5 +285,10 @@ def test_components_of_one_stage_run_in_the_order_of_their_connections_whichever
     net.add("after", after(), inputs={"given": "before.value"})
     plan = assemble(net, 30e-6)
     work = new_workspace(plan)
-    assert woven_entry(plan)(1, 0, *arguments(plan, work)) == 1
+    assert core()(1, 0, *arguments(plan, work)) == 1
     assert work.sig[plan.layout.index["after.value"]] == 6.0
+
+
+def test_a_kernel_that_may_raise_is_refused():
+    with pytest.raises(ShipgridError, match=r"raising_outputs|Raising.* may raise an exception"):
+        code_store.load([type_of(Raising)])
