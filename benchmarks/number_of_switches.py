@@ -4,7 +4,7 @@
 
 Every number of inverters (two-level, 1620 Hz carrier, LCL filter, resistive load; six switches each) is built and
 stepped in a process of its own. Start-up is the time from the import to the end of the first step, the machine code
-of earlier runs at hand: the woven module depends on the kinds of components, not on how many there are. Steps are
+of earlier runs at hand: what is compiled depends on the kinds of components, not on how many there are. Steps are
 30 us; their time is the median of several thousands, on one core. Of three processes each, in turn, the median counts.
 """
 

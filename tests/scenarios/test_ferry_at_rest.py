@@ -122,13 +122,12 @@ def carried_over(plan: Plan, other: Plan, settled: Workspace) -> Workspace:
     work = new_workspace(plan)
     work.sig[:] = settled.sig
     engines = next(t for t in plan.layout.types if t.kind.cls is DieselEngine)
-    views = dict(type_views(plan, work, engines))
-    key = engines.kind.key
-    views[f"{key}_x"]["position"] = 0.0
-    starts = views[f"{key}_p"]["line"].astype(int)
+    views = type_views(plan, work, engines)
+    views["x"]["position"] = 0.0
+    starts = views["p"]["line"].astype(int)
     for k, start in enumerate(starts):
         end = min((s for s in starts if s > start), default=len(work.step.delays))
-        work.step.delays[start:end] = views[f"{key}_u"]["throttle"][k]
+        work.step.delays[start:end] = views["u"]["throttle"][k]
     work.step.previous[:] = work.sig
     work.step.watched_was[:] = work.sig[plan.step.watched]
     return work

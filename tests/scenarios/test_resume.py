@@ -331,7 +331,7 @@ def test_a_comment_in_a_file_is_no_other_ship(left, whole):
 def test_a_changed_source_of_the_program_is_named(left, monkeypatch):
     from shipgrid.scenarios import snapshot
 
-    name = "shipgrid/controllers/blocks/pi.py"
+    name = "shipgrid.automation.interlocks"
     changed = snapshot._sources() | {name: "0" * 16}
     monkeypatch.setattr(snapshot, "_sources", lambda: changed)
     assert lines_of(left) == f"  {name}: this source file of the program has been changed"

@@ -595,8 +595,8 @@ def test_an_edge_at_the_very_end_of_a_step_is_carried_out_once():
 # --- in a network --------------------------------------------------------------------------------------------------
 
 
-def test_woven_into_a_network_the_bridge_switches_as_on_the_bench():
-    """Carrier, clock and kernel arguments as the woven module hands them."""
+def test_in_a_network_the_bridge_switches_as_on_the_bench():
+    """Carrier, clock and kernel arguments as its unit hands them."""
     net = Network("bench")
     bus = net.dc_bus("dc", 750.0)
     net.capacitance(bus, 1e-3)

@@ -1,4 +1,4 @@
-"""Small circuits of one set of component types, so that one woven module serves every test of plants in parts."""
+"""Small circuits of one set of component types, for every test of plants in parts."""
 
 from __future__ import annotations
 

@@ -28,6 +28,7 @@ from shipgrid.model import component, kernel, signal
 from shipgrid.model.component import load_all, type_of
 from shipgrid.model.network import Network
 from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.snapshot import differences
 from shipgrid.units import Ratio
 
 SCRIPT = """
@@ -36,9 +37,11 @@ from shipgrid.assembly import code_store
 from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
+from shipgrid.components.marine.propeller import Propeller
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.model.network import Across, Network
+from shipgrid.scenarios.snapshot import identity
 
 case = {"drives": 1, "K_p": 10.0, "n_ref": 0.05, "measures": "a.v_dc", "step": 50e-6} | json.loads(sys.argv[1])
 net = Network("copy")
@@ -51,13 +54,15 @@ for k in range(case["drives"]):
             inputs={"n_ref": case["n_ref"], "omega_pu": 0.0, "v_dc": case["measures"]})
     currents = {"i_d": 0.0, "i_q": 0.0, "theta_e": 0.3, "omega_m": 0.0, "v_dc": case["measures"]}
     net.add(f"current_{k}", DriveCurrent(), inputs=currents | {"tau_ref": f"speed_{k}.tau_ref"})
+net.add("screw", Propeller(), inputs={"v_a": 2.0, "omega_m": 30.0})
 plan = assemble(net, case["step"])
 work = new_workspace(plan)
 for node in ("a.v_dc", "b.v_dc"):
     work.sig[plan.layout.index[node]] = 750.0
 assert code_store.core()(4, 0, *arguments(plan, work)) == 4
-signals = {n: work.sig[plan.layout.index[n]] for n in ("speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta")}
-print(json.dumps(signals | {"code": code_store.code_names(plan.kinds)}))
+names = "speed_0.tau_ref", "current_0.s_alpha", "current_0.s_beta", "screw.thrust"
+signals = {name: work.sig[plan.layout.index[name]] for name in names}
+print(json.dumps(signals | {"code": code_store.code_names(plan.kinds), "identity": identity(plan)}))
 """
 
 SPEED, CURRENT = "motor_speed_MotorSpeed", "drive_current_DriveCurrent"
@@ -82,9 +87,17 @@ EDITS = {
         "model/ops.py",
         "return minimum(maximum(a, low), high)",
         "return minimum(maximum(a, low), high) + 0.25",
-        {SPEED},
+        {SPEED, "propeller_Propeller"},
         "speed_0.tau_ref",
         lambda old: old + 0.25,
+    ),
+    "a constant": (
+        "controllers/drive_current.py",
+        "V_DC_LEAST = 1.0",
+        "V_DC_LEAST = 2.0",
+        {CURRENT},
+        "current_0.s_alpha",
+        lambda old: old,
     ),
     "frames": (
         "model/frames.py",
@@ -159,6 +172,8 @@ def test_an_edit_is_seen_by_those_who_use_it_alone_and_its_reversal_too(copy, wh
     anew = set(edited["code"]) - set(first["code"])
     assert {name.rpartition("_")[0] for name in anew} == users
     assert copy.objects().keys() - before.keys() == (anew if compiler else set())
+    refused = differences(first["identity"], edited["identity"])  # to resume a run
+    assert refused == [f"{name}: its code has been changed" for name in sorted(users)]
     now = copy.objects()
     assert copy.run(compiler) == first
     assert copy.objects() == now
@@ -173,6 +188,31 @@ def test_a_comment_or_a_docstring_changes_nothing(copy):
     finally:
         path.write_text(text)
     assert copy.objects() == before
+
+
+def test_a_data_table_compiles_nothing_and_is_another_run_all_the_same(copy):
+    path, first = copy.folder / "shipgrid" / "data" / "wageningen_four_quadrant.csv", copy.first[True]
+    text, before = path.read_text(), copy.objects()
+    assert text.count("-0.77904") == 1
+    path.write_text(text.replace("-0.77904", "-0.77804"))
+    try:
+        edited = copy.run()
+    finally:
+        path.write_text(text)
+    assert edited["code"] == first["code"] and copy.objects() == before
+    assert differences(first["identity"], edited["identity"]) == ["tables of the plan differs"]
+
+
+def test_an_edit_of_what_acts_between_the_steps_is_another_run(copy):
+    path, first = copy.folder / "shipgrid" / "automation" / "interlocks.py", copy.first[True]
+    text = path.read_text()
+    path.write_text(text + "\n# another\n")
+    try:
+        edited = copy.run()
+    finally:
+        path.write_text(text)
+    line = "shipgrid.automation.interlocks: this source file of the program has been changed"
+    assert differences(first["identity"], edited["identity"]) == [line]
 
 
 def test_values_connections_numbers_of_instances_and_the_step_compile_nothing(copy):

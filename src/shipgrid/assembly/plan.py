@@ -36,7 +36,7 @@ BOOKKEEPING_PERIOD = 1e-3
 
 
 class StepPlan(NamedTuple):
-    """What the woven step reads beside the network: clocks, recorder, audit."""
+    """What the core reads beside the network: clocks, recorder, audit."""
 
     h: float
     clock_inc: np.ndarray
@@ -77,7 +77,7 @@ class StepPlan(NamedTuple):
 
 
 class StepWork(NamedTuple):
-    """What the woven step writes beside the signals."""
+    """What the core writes beside the signals."""
 
     due: np.ndarray  # (conditions,) 1 where the calls under this condition are made in this step
     booked: np.ndarray  # (1,) 1 if the audit is due after the coming step

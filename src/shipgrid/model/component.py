@@ -216,7 +216,7 @@ class ComponentType:
 
     @property
     def key(self) -> str:
-        """Name usable as an identifier in a woven module: module and class."""
+        """Name usable as an identifier: module and class."""
         return self.cls.__module__.rsplit(".", 1)[-1] + "_" + self.cls.__name__
 
 

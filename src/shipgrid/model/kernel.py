@@ -45,7 +45,7 @@ def kernel(function: Function) -> Dispatcher[Function]:
 
 
 def inlined(function: Function) -> Dispatcher[Function]:
-    """Compile a `function` into those that call it: one of the solver, which a woven module calls in one place.
+    """Compile a `function` into those that call it: one of the solver, which the core calls in one place.
 
     Its arrays are not passed on then, seven numbers each; a step of the ferry is a twelfth faster for it.
     """

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import hashlib
+import importlib
 import inspect
 import json
 import os
@@ -25,25 +26,27 @@ import numba
 import numpy as np
 
 import shipgrid
+from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.errors import InputErrors
 from shipgrid.scenarios.output_folder import sync_folder
 
-SCHEMA = 1
+SCHEMA = 2
 HEAD = "about"
 EMPTIED = ("plant_rows", "slow_rows", "wave_rows", "event_step", "event_which", "event_value")
 """Arrays of a workspace that the runner empties before it looks at the clock: what they hold is not read again."""
-COMPUTING = ("*.py", *(f"{folder}/**/*.py" for folder in (
-    "model", "components", "controllers", "modulators", "equipment", "automation", "solvers", "assembly", "scenarios",
-)), "data/*.csv", "io/ship_file.py", "io/scenario_file.py", "io/timeline_file.py", "io/quantities.py",
-    "io/yaml_lines.py")  # fmt: skip
-"""Files of the package that what is computed depends on."""
+LOOP = "shipgrid.scenarios.runner"
+ACTING = ("shipgrid.scenarios.", "shipgrid.automation.")
+"""The module that steps a run, and the packages whose modules act between its steps, as far as it reaches them."""
 MOST_LINES = 12
 """Differences that are said one by one."""
 
 
 def identity(plan: Plan) -> dict[str, Any]:
-    """What a plan is made of: versions, sources, step, and every element with its parameters and connections.
+    """What a run of a plan depends on: versions, code, numbers, and every element with its parameters and connections.
+
+    What made the plan enters by what it made of it: an edit there that changes no number changes no run. What acts
+    between the steps enters with its source.
 
     Parameters
     ----------
@@ -65,16 +68,14 @@ def identity(plan: Plan) -> dict[str, Any]:
             "numpy": np.__version__,
             "processor": llvmlite.binding.get_host_cpu_name(),
         },
-        "sources": _sources() | {
-            name: _digest(Path(name)) for name in sorted({inspect.getfile(t.kind.cls) for t in plan.layout.types})
-            if not Path(name).is_relative_to(_home())
-        },
+        "code": dict(name.rsplit("_", 1) for name in code_names(plan.kinds)),
+        "sources": _sources(),
         "elements": elements,
         **({"parts": {k: ", ".join(v) for k, v in plan.partition.buses.items()}} if plan.partition else {}),
         "numbers": {
             f"{of}{name}": hashlib.sha256(np.asarray(value).tobytes()).hexdigest()[:16]
             for of, piece in [("", plan), *((f"{part.network.name}: ", part) for part in plan.parts)]
-            for part in (piece.net._asdict(), piece.step._asdict(), {"commands": piece.layout.initial})
+            for part in (piece.net._asdict(), piece.step._asdict(), _beside(piece))
             for name, value in part.items()
         },
     }  # fmt: skip
@@ -92,7 +93,7 @@ def differences(was: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     for file in ("ship", "scenario"):
         if file in was or file in now:
             found += _lines(file, str(was.get(file, "")), str(now.get(file, "")))
-    told = ("ship", "scenario", "elements", "numbers", "sources")
+    told = ("ship", "scenario", "elements", "numbers", "sources", "code")
     flat_was, flat_now = (_flat({k: v for k, v in made.items() if k not in told}) for made in (was, now))
     for key in dict.fromkeys([*flat_was, *flat_now]):
         if flat_was.get(key) != flat_now.get(key):
@@ -100,6 +101,9 @@ def differences(was: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     before, after = was.get("sources", {}), now.get("sources", {})
     changed = [name for name in dict.fromkeys([*before, *after]) if before.get(name) != after.get(name)]
     found += [f"{name}: this source file of the program has been changed" for name in changed]
+    before, after = was.get("code", {}), now.get("code", {})
+    changed = [name for name in after if name in before and before[name] != after[name]]
+    found += [f"{name}: its code has been changed" for name in changed]
     if not found:  # else it follows from that
         flat_was, flat_now = (_flat(made.get("elements", {})) for made in (was, now))
         for key in dict.fromkeys([*flat_was, *flat_now]):
@@ -199,23 +203,35 @@ def _arrays(work: Workspace) -> dict[str, np.ndarray]:
     return found
 
 
-def _home() -> Path:
-    return Path(shipgrid.__file__).parent
+def _beside(plan: Plan) -> dict[str, np.ndarray]:
+    """What a plan has of each component type, and of its signals, beside the fields of `net` and `step`."""
+    found = {"commands": plan.layout.initial, "periods": plan.periods}
+    for t in plan.layout.types:
+        found[f"parameters of {t.kind.key}"] = t.parameters
+        found[f"clocks of {t.kind.key}"] = plan.clock_of[t.kind.key]
+    found |= {
+        f"connections of {key}: {name}": places
+        for key, gather in plan.gathers.items()
+        for name, places in gather.items()
+    }
+    calls = [(call.type, call.operation, call.condition) for walk in plan.schedule.walks.values() for call in walk]
+    return found | {"calls": np.frombuffer(repr(calls).encode(), np.uint8)}
 
 
 @cache
 def _sources() -> dict[str, str]:
-    """Digest of each of the package's own files: read once, since a process runs what it has imported."""
-    home = _home()
-    return {
-        path.relative_to(home.parent).as_posix(): _digest(path)
-        for pattern in COMPUTING
-        for path in sorted(home.glob(pattern))
-    }
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    """Digest of each source that acts between the steps: read once, since a process runs what it has imported."""
+    found: dict[str, str] = {}
+    waiting = [LOOP]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        module = importlib.import_module(name)
+        found[name] = hashlib.sha256(Path(str(module.__file__)).read_bytes()).hexdigest()[:16]
+        owners = {v.__name__ if inspect.ismodule(v) else getattr(v, "__module__", "") for v in vars(module).values()}
+        waiting += sorted(owner for owner in owners if isinstance(owner, str) and owner.startswith(ACTING))
+    return dict(sorted(found.items()))
 
 
 def _lines(file: str, was: str, now: str) -> Iterator[str]:

@@ -150,7 +150,7 @@ class NetworkWork(NamedTuple):
     v_stage: np.ndarray  # where the stage starts
     stranded_first: np.ndarray  # (nodes,) number of the step in which a current first had no path there, 0: in none
     stranded_last: np.ndarray  # (nodes,) and of the last one in which it still had none
-    norton: np.ndarray  # (machines, 10) `weave.NORTON`
+    norton: np.ndarray  # (machines, 10) `unit_text.NORTON`
     # bridges and legs
     leg_state: np.ndarray  # (legs,) driven, at its lower or upper bound, floating
     leg_s: np.ndarray  # (legs,) switching function in force
