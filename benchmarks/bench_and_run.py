@@ -16,7 +16,7 @@ from pathlib import Path
 import shipgrid as sg
 from shipgrid.assembly.crew import Crew
 from shipgrid.cli.bench import spell_times
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import simulate as simulation
 
 STEP = 30e-6
 SAILED = 9.0
@@ -39,12 +39,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     rounds = parser.parse_args().rounds
-    ship, scenario, find_start = sg.load_ship("ferry"), sg.load_scenario("mission"), runner.start
+    ship, scenario, find_start = sg.load_ship("ferry"), sg.load_scenario("mission"), simulation.start
     print(f"us a step, medians of {rounds} rounds: bench, run, and the median of each round's ratio; entering in ms")
     for fidelity in ("averaged", "switching"):
-        plan = runner.build(ship, STEP, fidelity, scenario.rules)
+        plan = simulation.build(ship, STEP, fidelity, scenario.rules)
         begun, drift = find_start(plan, ship, scenario)
-        runner.start = lambda *_, begun=begun, drift=drift: (begun.snapshot(), drift)  # searched for once
+        simulation.start = lambda *_, begun=begun, drift=drift: (begun.snapshot(), drift)  # searched for once
         benched, ran = [], []
         for _ in range(rounds):
             benched.append(spell_times(plan, begun.snapshot())["median_us"])

@@ -16,7 +16,8 @@ from shipgrid.assembly.crew import Crew, cores
 from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.components.electrical.cable import dc_cable
-from shipgrid.scenarios.runner import build, start
+from shipgrid.scenarios.case import build
+from shipgrid.scenarios.start import start
 
 STEP = 30e-6
 SPELL = 2000

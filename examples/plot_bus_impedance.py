@@ -19,7 +19,7 @@ import numpy as np
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, operating_point
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 
 # %% Two operating points of one plan.

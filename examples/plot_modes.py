@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, operating_point
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 
 # %% A plant at rest: run until the genset has taken its share, then Newton's method.

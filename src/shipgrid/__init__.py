@@ -5,6 +5,11 @@
     run = sg.simulate(sg.load_ship("ferry"), sg.load_scenario("mission"), out="results/mission")
     run["dc_for.v_dc"].plot()
 
+    with sg.Session(sg.Case("ferry", "mission")) as session:
+        session.advance(to=300.0)
+        session.command("genset_for.on", True)
+        session.read("dc_for.v_dc")
+
 A run always writes its output folder. Without `out` that is `results/<scenario>-<fidelity>` in the current directory,
 and an older folder of results in that place is replaced.
 
@@ -47,6 +52,7 @@ if TYPE_CHECKING:
     from shipgrid.components.sources.dc_source import CurrentSource, DcSource, InductiveDcSource
     from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
     from shipgrid.components.sources.three_phase_source import ThreePhaseSource
+    from shipgrid.io.case import Case
     from shipgrid.io.scenario_file import Scenario, load_scenario
     from shipgrid.io.ship_file import Ship, load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
@@ -58,7 +64,8 @@ if TYPE_CHECKING:
     from shipgrid.scenarios.circuit import CircuitRun, assemble
     from shipgrid.scenarios.events import At, Close, Open, Set
     from shipgrid.scenarios.results import Results, open_results
-    from shipgrid.scenarios.runner import simulate
+    from shipgrid.scenarios.session import Session, SessionState
+    from shipgrid.scenarios.simulate import simulate
 
 __version__ = "0.1.0"
 
@@ -68,6 +75,7 @@ __all__ = [
     "Breaker",
     "Capacitor",
     "Carrier",
+    "Case",
     "Choke",
     "CircuitRun",
     "Close",
@@ -101,6 +109,8 @@ __all__ = [
     "SaturableCore",
     "SaturableTransformer",
     "Scenario",
+    "Session",
+    "SessionState",
     "Set",
     "Ship",
     "SineModulation",
@@ -155,6 +165,7 @@ _HOMES = {
     "shipgrid.components.sources.dc_source": ("CurrentSource", "DcSource", "InductiveDcSource"),
     "shipgrid.components.sources.synchronous_generator": ("SynchronousGenerator",),
     "shipgrid.components.sources.three_phase_source": ("ThreePhaseSource",),
+    "shipgrid.io.case": ("Case",),
     "shipgrid.io.scenario_file": ("Scenario", "load_scenario"),
     "shipgrid.io.ship_file": ("Ship", "load_ship"),
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
@@ -166,7 +177,8 @@ _HOMES = {
     "shipgrid.scenarios.circuit": ("CircuitRun", "assemble"),
     "shipgrid.scenarios.events": ("At", "Close", "Open", "Set"),
     "shipgrid.scenarios.results": ("Results", "open_results"),
-    "shipgrid.scenarios.runner": ("simulate",),
+    "shipgrid.scenarios.session": ("Session", "SessionState"),
+    "shipgrid.scenarios.simulate": ("simulate",),
 }
 
 

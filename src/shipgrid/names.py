@@ -7,7 +7,9 @@ and behind it. The names of plant items are stricter: they are keys of ship file
 
 from __future__ import annotations
 
+import difflib
 import re
+from collections.abc import Iterable
 
 from shipgrid.errors import ParameterError
 
@@ -112,3 +114,12 @@ def checked_path(path: str, owner: str) -> str:
 def shown(name: str) -> str:
     """A text in quotes for a message: cut where it is long, with what is not printable written out."""
     return repr(name if len(name) <= SHOWN else f"{name[:SHOWN]}...")
+
+
+def nearest(word: str, valid: Iterable[str]) -> str:
+    """Hint naming the nearest valid word, or all of them where there are few, or nothing."""
+    names = list(valid)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
+    if near:
+        return f" (nearest: '{near[0]}')"
+    return f" (there are: {', '.join(names)})" if 0 < len(names) <= 12 else ""

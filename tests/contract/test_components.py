@@ -38,7 +38,7 @@ from shipgrid.model.component import Empty, fields_of, load_all, parameters_of, 
 from shipgrid.model.network import Across, Network
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 from shipgrid.modulators.averaged import DirectBridge
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 KINDS = {name: kind for name, kind in load_all().items() if kind.cls.__module__.startswith("shipgrid.")}
 NAMES = sorted(KINDS)

@@ -24,7 +24,7 @@ from shipgrid.realtime.executive import Executive
 from shipgrid.realtime.gateway import Gateway
 from shipgrid.realtime.registers import registers
 from shipgrid.realtime.udp import COMMAND, COMMANDS, packet
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import REGISTERS, foreign
 from shipgrid.scenarios.outside import read_outside
 
@@ -32,7 +32,7 @@ CONTROLLER = Path(__file__).parents[2] / "examples" / "controllers" / "power_man
 TOKEN = 0x0123_4567_89AB_CDEF
 ANYWHERE = ("127.0.0.1", 0)
 HURRY = 1000.0
-FIND_START = runner.start
+FIND_START = simulation.start
 
 LOW = """\
 schema: 1
@@ -143,7 +143,7 @@ def test_the_ship_keeps_sailing_while_its_controller_is_killed_and_started_again
 def start():
     """The start of the short scenario is found once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", started())
+        patch.setattr(simulation, "start", started())
         yield
 
 
@@ -196,7 +196,7 @@ def test_abuse_of_the_gateway_changes_no_bit_and_is_counted(alone, tmp_path):
 
 @pytest.mark.full
 def test_a_commanded_run_at_switching_fidelity_and_its_windows_are_repeated_offline(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "start", FIND_START)
+    monkeypatch.setattr(simulation, "start", FIND_START)
     names = list(case()[0].commands)
 
     def act(attached):

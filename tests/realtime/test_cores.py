@@ -12,7 +12,8 @@ from scenarios.test_resume import same
 from shipgrid.analysis.steady_state import carried_over
 from shipgrid.errors import InputErrors
 from shipgrid.realtime.executive import Executive
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import session
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import COMMANDS, unfinished
 from shipgrid.scenarios.outside import read_outside
 
@@ -25,10 +26,10 @@ UNTIL = 0.7
 def start():
     """The start is found once, of the plant in one piece."""
     ship, scenario = case()
-    mean = runner.build(ship, scenario.step)
-    work, drift = runner.start(mean, ship, scenario)
+    mean = simulation.build(ship, scenario.step)
+    work, drift = simulation.start(mean, ship, scenario)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", lambda plan, *_: (carried_over(mean, work, plan), drift))
+        patch.setattr(simulation, "start", lambda plan, *_: (carried_over(mean, work, plan), drift))
         yield
 
 
@@ -70,7 +71,7 @@ def test_an_interrupted_run_is_continued_by_another_number_of_threads(alone, tmp
             raise KeyboardInterrupt
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "WALL_PER_CHUNK", 0.005)
+        patch.setattr(session, "WALL_PER_CHUNK", 0.005)
         simulate(tmp_path / "out", parts=PARTS, until=UNTIL, workers=2, progress=stop)
     assert unfinished(tmp_path / "out")
     with pytest.raises(InputErrors, match="parts"):

@@ -23,7 +23,7 @@ from shipgrid.realtime.desk import (
     UNKNOWN,
     Desk,
 )
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,8 @@ from scenarios.test_resume import recorded, same
 from shipgrid.errors import ParameterError
 from shipgrid.realtime.desk import MODBUS
 from shipgrid.realtime.executive import Executive
-from shipgrid.scenarios import runner, snapshot
+from shipgrid.scenarios import simulate as simulation
+from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.output_folder import COMMANDS, SNAPSHOT, UNFINISHED, unfinished
 from shipgrid.scenarios.outside import read_outside
 
@@ -32,7 +33,7 @@ HURRY = 1000.0
 def start():
     """The start is found once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", started())
+        patch.setattr(simulation, "start", started())
         yield
 
 

@@ -14,7 +14,8 @@ from scenarios.test_resume import interrupt_at, killed_in_the_middle
 from shipgrid.analysis.steady_state import carried_over
 from shipgrid.errors import SolverError
 from shipgrid.realtime.executive import Executive
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import session
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import foreign, prepare, unfinished
 from shipgrid.scenarios.outside import Outside
 from shipgrid.scenarios.results import open_results
@@ -29,15 +30,15 @@ GIVEN = [Outside(200, "bess_for.i_ref", 30.0, "UDP")]
 def starts():
     """The start is searched for once; the workspaces that runs begin with, the newest last."""
     ship, scenario = case()
-    mean, made = runner.build(ship, STEP), []
-    work, drift = runner.start(mean, ship, scenario)
+    mean, made = simulation.build(ship, STEP), []
+    work, drift = simulation.start(mean, ship, scenario)
 
     def start(plan, *_):
         made.append(carried_over(mean, work, plan))
         return made[-1], drift
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", start)
+        patch.setattr(simulation, "start", start)
         yield made
 
 
@@ -65,7 +66,7 @@ def test_offline_switching_with_waveforms(tmp_path):
 
 
 def test_interrupted_and_continued(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 1e-3)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 1e-3)
     first = simulate(tmp_path / "run", **SHORT, progress=interrupt_at(0.05))
     assert first.summary["interrupted"] and "interrupted" in text_of(tmp_path / "run")
     assert (tmp_path / "run" / "unfinished").is_dir()
@@ -76,7 +77,7 @@ def test_interrupted_and_continued(tmp_path, monkeypatch):
 
 def test_failed(starts, tmp_path, monkeypatch):
     """What a run that diverges leaves: here a value that is not a number appears in it."""
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 1e-3)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 1e-3)
 
     def spoil(now, end):
         if now > 0.05:
@@ -105,7 +106,7 @@ def test_live_in_parts_on_several_threads(tmp_path):
 
 
 def test_killed_and_opened_unfinished(tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 1e-3)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 1e-3)
     killed_in_the_middle(tmp_path / "run", 0.05, **SHORT)
     (left,) = unfinished(tmp_path / "run")
     assert foreign(left) == []

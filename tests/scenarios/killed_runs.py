@@ -21,7 +21,8 @@ import shipgrid as sg
 from shipgrid.io.scenario_file import read_case
 from shipgrid.io.ship_file import open_document
 from shipgrid.io.yaml_lines import read_text
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import resume, session
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import SNAPSHOT, UNFINISHED, unfinished
 
 SCENARIO = """\
@@ -58,13 +59,13 @@ def simulate(out: Path, *, made_of: tuple[Any, Any] | None = None, **options: An
 
 def hurry() -> None:
     """Look about between chunks, and write snapshots, every few milliseconds."""
-    runner.SNAPSHOT_S, runner.WALL_PER_CHUNK = 0.02, 0.005
+    resume.SNAPSHOT_S, session.WALL_PER_CHUNK = 0.02, 0.005
 
 
 def started() -> Callable[..., Any]:
     """What finds the start, with what it finds: it is the same for every run here."""
     ship, scenario = case()
-    work, drift = runner.start(runner.build(ship, scenario.step), ship, scenario)
+    work, drift = simulation.start(simulation.build(ship, scenario.step), ship, scenario)
     return lambda *_: (work.snapshot(), drift)
 
 
@@ -103,7 +104,7 @@ def snapshots(out: Path) -> set[tuple[Path, int]]:
 if __name__ == "__main__":
     folder, seed, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
     hurry()
-    runner.start = started()
+    simulation.start = started()
     whole = min(life(folder / "whole") for _ in range(2))
     instants = random.Random(seed)
     for k in range(count):

@@ -11,7 +11,7 @@ from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.equipment import bess, rectifier
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 DIODES = 1.35 * 480.0
 

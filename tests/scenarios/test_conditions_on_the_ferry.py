@@ -16,7 +16,8 @@ from scenarios.test_resume import same
 from shipgrid.io.report import verdict
 from shipgrid.realtime.desk import MODBUS
 from shipgrid.realtime.executive import Executive
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import session
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import COMMANDS
 from shipgrid.scenarios.outside import read_outside
 
@@ -44,14 +45,14 @@ timeline:
 """
 HURRY = 1000.0
 WINDOWS = [(0.0, 0.001), (1.0, 1.001)]
-FIND_START = runner.start
+FIND_START = simulation.start
 
 
 @pytest.fixture(scope="module", autouse=True)
 def start():
     """The start is found once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", started())
+        patch.setattr(simulation, "start", started())
         yield
 
 
@@ -115,7 +116,7 @@ def interrupt_at(t):
 
 def test_a_run_in_small_pieces_that_is_continued_gives_the_same_bits(whole, tmp_path, monkeypatch):
     """It is interrupted while a condition has held for a part of its time."""
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.01)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 0.01)
     with sg.open_results(whole) as run:
         turning = next(outcome.first_s for outcome in run.timeline if outcome.name == "turning")
     simulate(tmp_path / "out", progress=interrupt_at(turning - 0.12))
@@ -154,7 +155,7 @@ def test_a_condition_that_a_command_from_outside_brings_about_is_repeated(tmp_pa
 @pytest.fixture
 def cut(tmp_path, monkeypatch):
     """The same, cut into two parts."""
-    monkeypatch.setattr(runner, "start", FIND_START)
+    monkeypatch.setattr(simulation, "start", FIND_START)
     how = {"made_of": case(scenario=WAITING, step="30 us"), "parts": 2}
     simulate(tmp_path / "one", **how)
     return tmp_path / "one", how

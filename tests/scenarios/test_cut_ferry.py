@@ -12,8 +12,8 @@ from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.plan import assemble
 from shipgrid.cli.main import app
 from shipgrid.scenarios.against_uncut import against_uncut
+from shipgrid.scenarios.case import build
 from shipgrid.scenarios.parts import partition_of
-from shipgrid.scenarios.runner import build
 
 UNTIL = 0.1
 

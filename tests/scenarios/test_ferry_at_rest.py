@@ -13,7 +13,7 @@ from shipgrid.assembly.tables import arguments, type_views
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.model.network import Network
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 KNOT = 1852.0 / 3600.0
 NOMINAL = {"V": 750.0, "A": 128.0, "W": 50e3, "var": 50e3, "Hz": 60.0, "rad/s": 47.0, "N m": 5730.0, "N": 2e4, "1": 1.0}

@@ -13,7 +13,7 @@ from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.partition import propose
 from shipgrid.assembly.plan import assemble
 from shipgrid.model.network import Network
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 H = 30e-6
 EVERY = 37  # steps between two samples: no multiple of any clock

@@ -17,7 +17,9 @@ from scenarios.story import Story
 from shipgrid.analysis.steady_state import fresh, operating_point
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
-from shipgrid.scenarios.runner import Run, build, command_text, go
+from shipgrid.scenarios.case import build
+from shipgrid.scenarios.conclude import command_text
+from shipgrid.scenarios.session import Run, run_until
 from shipgrid.scenarios.timeline import Timeline
 
 STEP = 90e-6
@@ -269,7 +271,7 @@ def test_a_run_logs_what_was_refused_and_when_it_was_obeyed(under_way):
     run = Run(plan, fresh(plan, under_way.work.snapshot()))
     timeline = [(0.5, "genset_for.on", 1.0), (1.0, "bess_for.on", 0.0), (1.0, "bess_aft.on", 0.0)]
     said, interlocks = partial(command_text, ship), Interlocks(ship, plan)
-    go(run, Timeline(plan, run.work, run.events, timeline, said, interlocks=interlocks), 14.0)
+    run_until(run, Timeline(plan, run.work, run.events, timeline, said, interlocks=interlocks), 14.0)
     battery = [(t, who, what) for t, who, what in run.events if who.startswith("bess") and who.endswith(".on")]
     refused = [(t, who) for t, who, what in battery if what.startswith("refused: the running sources would not carry")]
     assert [who for _, who in refused] == ["bess_for.on", "bess_aft.on"]

@@ -8,7 +8,7 @@ import pytest
 import shipgrid as sg
 from scenarios.story import Story
 from shipgrid.analysis.steady_state import operating_point
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 SIDES = ("for", "aft")
 AXES = [f"ac_{side}.v_{axis}" for side in SIDES for axis in ("alpha", "beta")]

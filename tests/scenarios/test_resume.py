@@ -20,11 +20,12 @@ import shipgrid as sg
 from scenarios.killed_runs import SCENARIO, WINDOWS, case, simulate, started
 from shipgrid.cli.main import app
 from shipgrid.errors import InputErrors, ParameterError, SolverError
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import conclude, resume, session
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.output_folder import MARK_BEGINS, SNAPSHOT, UNFINISHED, taken_over, unfinished
 from shipgrid.scenarios.outside import Outside, read_outside
 
-FIND_START = runner.start
+FIND_START = simulation.start
 GROUPS = ("plant", "slow", "waveforms/0", "waveforms/1", "events", "limiters")
 
 
@@ -60,7 +61,7 @@ def same(folder, whole):
 def start():
     """The start is found once."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "start", started())
+        patch.setattr(simulation, "start", started())
         yield
 
 
@@ -74,8 +75,8 @@ def whole(tmp_path_factory):
 
 @pytest.fixture
 def hurried(monkeypatch):
-    monkeypatch.setattr(runner, "SNAPSHOT_S", 0.0)
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.01)
+    monkeypatch.setattr(resume, "SNAPSHOT_S", 0.0)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 0.01)
 
 
 def interrupt_at(t):
@@ -99,7 +100,7 @@ def test_the_undisturbed_run_has_what_a_continued_one_could_lose(whole):
 
 def test_how_often_a_run_stops_for_a_moment_changes_nothing(whole, tmp_path, monkeypatch):
     """What is held back is looked at every 0.1 s of ship time, not whenever the runner looks about."""
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 1e-9)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 1e-9)
     simulate(tmp_path / "out")
     assert same(tmp_path / "out", whole)
 
@@ -151,8 +152,8 @@ timeline:
 @pytest.mark.parametrize("fidelity", ["averaged", "switching"])
 def test_a_genset_that_starts_while_the_run_is_interrupted_again_and_again(fidelity, tmp_path, monkeypatch):
     """Delay lines, blocked and switching bridges, contacts: with either fidelity the same bits."""
-    monkeypatch.setattr(runner, "start", FIND_START)
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.02)
+    monkeypatch.setattr(simulation, "start", FIND_START)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 0.02)
     how = {
         "made_of": case(scenario=GENSET),
         "fidelity": fidelity,
@@ -200,8 +201,8 @@ def test_who_reads_a_run_under_way_takes_nothing_from_it(whole, tmp_path, hurrie
             instants.pop(0)
             read()
 
-    real = runner.energy_balance
-    monkeypatch.setattr(runner, "energy_balance", lambda *words: (read(), real(*words))[1])
+    real = conclude.energy_balance
+    monkeypatch.setattr(conclude, "energy_balance", lambda *words: (read(), real(*words))[1])
     simulate(out, progress=under_way)
     assert same(out, whole)
     assert len(lengths) == 2 and 8 <= lengths[0] < lengths[1] < 16
@@ -284,7 +285,7 @@ def killed_early(tmp_path_factory, start):
     """Place of a run that was killed early on."""
     out = tmp_path_factory.mktemp("results") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "WALL_PER_CHUNK", 0.01)
+        patch.setattr(session, "WALL_PER_CHUNK", 0.01)
         killed_in_the_middle(out, 0.2)
     return out
 
@@ -362,9 +363,9 @@ def test_a_run_whose_disk_fills_up_is_continued_when_there_is_room(what, whole, 
     older = f"{MARK_BEGINS} older"
     (out / "run.yaml").write_text(older)
     names_of = {
-        "rows": (runner.RowLog, "append"),
-        "snapshot": (runner.snapshot, "write"),
-        "results": (runner, "make_results"),
+        "rows": (simulation.RowLog, "append"),
+        "snapshot": (resume.snapshot, "write"),
+        "results": (conclude, "make_results"),
     }
     owner, name = names_of[what]
     real, calls = getattr(owner, name), []

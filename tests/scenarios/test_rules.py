@@ -14,8 +14,8 @@ from scenarios.story import RING, Story, ship_of
 from scenarios.test_resume import same
 from shipgrid.automation.load_limit import NOBODY
 from shipgrid.automation.power_management import BlackoutPrevention
-from shipgrid.scenarios import runner
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios import session
+from shipgrid.scenarios.case import build
 
 TUG = """
 schema: 1
@@ -148,7 +148,7 @@ def test_what_a_rule_commands_is_in_the_log_with_its_origin_and_reason(low):
 
 @pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.full), 0.7])
 def test_a_run_with_a_rule_is_continued_to_the_same_bits(low, tmp_path, monkeypatch, share):
-    monkeypatch.setattr(runner, "WALL_PER_CHUNK", 0.01)
+    monkeypatch.setattr(session, "WALL_PER_CHUNK", 0.01)
     case, out = killed_runs.case(scenario=LOW), tmp_path / "out"
 
     def press(now, end):

@@ -9,7 +9,8 @@ import shipgrid as sg
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import Workspace
 from shipgrid.assembly.tables import arguments
-from shipgrid.scenarios.runner import build, start
+from shipgrid.scenarios.case import build
+from shipgrid.scenarios.start import start
 from shipgrid.solvers.companion import GAMMA, KAPPA
 
 H = 30e-6

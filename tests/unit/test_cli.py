@@ -20,7 +20,7 @@ from shipgrid.cli.main import app
 from shipgrid.errors import ParameterError, SolverError, SteadyStateError
 from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model.network import FIDELITIES
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.results import Limiter
 
@@ -57,7 +57,7 @@ class Simulated:
 def simulated(monkeypatch):
     def install(**answers):
         made = Simulated(**answers)
-        monkeypatch.setattr(runner, "simulate", made)
+        monkeypatch.setattr(simulation, "simulate", made)
         return made
 
     return install

@@ -5,7 +5,7 @@ import pytest
 import shipgrid as sg
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.equipment import bess, rectifier
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 BESS_ON = {"droop": 1.0, "voltage": 2.0, "current": 3.0}
 

@@ -19,7 +19,7 @@ from shipgrid.io.scenario_file import read_case, read_scenario
 from shipgrid.io.ship_file import bundled, open_document, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME, mistake_in, shown
-from shipgrid.scenarios.runner import default_place
+from shipgrid.scenarios.simulate import default_place
 
 WRONG = {
     "../../pwned/x": "it has '/'",

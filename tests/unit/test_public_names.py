@@ -18,7 +18,7 @@ def test_importing_the_package_imports_none_of_its_parts():
 
 def test_a_run_starts_without_what_only_a_look_at_its_results_needs():
     late = ("scipy.signal", "xarray", "jinja2")
-    code = f"import sys\nfrom shipgrid.scenarios import runner\nprint([m for m in {late} if m in sys.modules])"
+    code = f"import sys\nfrom shipgrid.scenarios import simulate\nprint([m for m in {late} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

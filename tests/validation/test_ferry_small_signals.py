@@ -11,7 +11,7 @@ import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, advancing, operating_point
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.tables import arguments
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 
 H = 90e-6
 

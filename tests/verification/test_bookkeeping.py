@@ -13,7 +13,7 @@ from shipgrid.model import Terminal, component, kernel, param, signal
 from shipgrid.model.network import Network
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import open_results
-from shipgrid.scenarios.runner import Run, go
+from shipgrid.scenarios.session import Run, run_until
 from shipgrid.units import Ampere, Henry, Ohm, Volt
 from verification.circuits import Hold, SourceBranch
 
@@ -143,7 +143,7 @@ def test_the_file_of_a_run_has_means_that_average_to_the_integral(tmp_path):
     run = Run(plan, new_workspace(plan))
     columns = {g: [(n, plan.network.published[n].unit, n) for n in names] for g, names in plan.groups.items()}
     with ResultsWriter(tmp_path, columns, plan.record_period) as writer:
-        go(run, None, 10e-3, writer)  # ends between two rows of both groups
+        run_until(run, None, 10e-3, writer)  # ends between two rows of both groups
     fine = circuit()
     work = new_workspace(fine)
     total = 0.0

@@ -17,7 +17,8 @@ from shipgrid.assembly.tables import COPIES, arguments, named_arrays, scratch_of
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model.kernel import TableRow
 from shipgrid.model.network import Network
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import provenance
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.solvers.pacing import pace_work
 
 PARTS = {"for": ["dc_for"], "aft": ["dc_aft"], "grid": ["ac_for", "ac_aft"]}
@@ -161,7 +162,7 @@ def test_a_run_has_its_rows_made_once_from_its_provenance_to_its_last_step(monke
     made, real = [], tables.named_arrays
     monkeypatch.setattr(tables, "named_arrays", lambda plan, *rest: made.append(plan) or real(plan, *rest))
     plan = ferry()
-    runner.provenance(plan)
-    runner.time_of_a_step(plan, new_workspace(plan), steps=2)
-    runner.time_of_a_step(plan, new_workspace(plan), steps=2)
+    provenance.provenance(plan)
+    simulation.time_of_a_step(plan, new_workspace(plan), steps=2)
+    simulation.time_of_a_step(plan, new_workspace(plan), steps=2)
     assert len(made) == 1

@@ -24,9 +24,10 @@ from shipgrid.io.scenario_file import load_scenario
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model import component, kernel, param, signal
 from shipgrid.model.network import Every, Network, Sampled
-from shipgrid.scenarios import runner
+from shipgrid.scenarios import conclude
+from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.results import open_results
-from shipgrid.scenarios.runner import Run, go
+from shipgrid.scenarios.session import Run, run_until
 from shipgrid.units import NewtonMetre, PerSecond, Ratio, Volt
 from verification.circuits import Hold, SourceBranch
 
@@ -86,9 +87,11 @@ ABSURD = {"K_p": 1e3, "K_i": 20.0}
 def ferry(monkeypatch):
     """The runner, given the feeder in place of the ferry's network; returns what to change its gains with."""
     gains: dict[str, float] = {}
-    monkeypatch.setattr(runner, "build", lambda ship, step, fidelity, rules, parts: feeder(**gains))
-    monkeypatch.setattr(runner, "start", lambda plan, ship, scenario: (new_workspace(plan), 0.0))
-    monkeypatch.setattr(runner, "Interlocks", lambda ship, plan: None)  # they know the ferry's items, not the feeder
+    monkeypatch.setattr(simulation, "build", lambda ship, step, fidelity, rules, parts: feeder(**gains))
+    monkeypatch.setattr(simulation, "start", lambda plan, ship, scenario: (new_workspace(plan), 0.0))
+    monkeypatch.setattr(
+        simulation, "Interlocks", lambda ship, plan: None
+    )  # they know the ferry's items, not the feeder
     return gains
 
 
@@ -101,7 +104,7 @@ def scenario(tmp_path):
 
 def simulate(scenario, out, **options):
     ship = load_ship("ferry")
-    return runner.simulate(ship, load_scenario(scenario, ship), out=out, report=False, **options)
+    return simulation.simulate(ship, load_scenario(scenario, ship), out=out, report=False, **options)
 
 
 def left_over(folder, *known: str) -> list[str]:
@@ -112,7 +115,7 @@ def left_over(folder, *known: str) -> list[str]:
 def test_with_a_sane_gain_the_bus_is_regulated():
     plan = feeder()
     run = Run(plan, new_workspace(plan))
-    go(run, None, 2.0)
+    run_until(run, None, 2.0)
     assert not run.failure
     assert run.work.sig[plan.layout.index["bus.v_dc"]] == pytest.approx(V_N, rel=1e-3)
 
@@ -121,7 +124,7 @@ def test_with_a_sane_gain_the_bus_is_regulated():
 def test_a_diverging_run_stops_at_the_first_absurd_value_and_says_where(gain):
     plan = feeder(K_p=gain)
     run = Run(plan, new_workspace(plan))
-    go(run, None, 2.0)
+    run_until(run, None, 2.0)
     watched = new_workspace(plan)
     entry, place = core(), plan.layout.index["bus.v_dc"]
     while np.isfinite(watched.sig).all() and abs(watched.sig[place]) < 3.0 * V_N:  # step by step, to the first absurd
@@ -139,7 +142,7 @@ def test_a_number_that_is_none_stops_the_run_within_a_few_steps():
     work = new_workspace(plan)
     work.sig[plan.layout.index["regulator.loop.i"]] = np.nan
     run = Run(plan, work)
-    go(run, None, 2.0)
+    run_until(run, None, 2.0)
     assert run.work.n <= 2 * round(1 / 5e3 / STEP) + 3  # a sampling period, until it is in force
     assert "nan" in run.failure
 
@@ -186,12 +189,12 @@ def beside_a_bus(T_3: float = 0.2, K: float = 8.0, tau: float = 2e3, K_p: float 
 def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecond(parameter, absurd, named, limit):
     plan = assemble(beside_a_bus(), STEP)
     run = Run(plan, new_workspace(plan))
-    go(run, None, 0.5)
+    run_until(run, None, 0.5)
     assert not run.failure
 
     plan = assemble(beside_a_bus(**{parameter: absurd}), STEP)
     run = Run(plan, new_workspace(plan))
-    go(run, None, 0.5)
+    run_until(run, None, 0.5)
     assert run.failure.startswith(f"diverged at {run.t:.6f} s: {named}"), run.failure
     assert run.work.sig[plan.layout.index["bus.v_dc"]] == 0.0  # no bus could have told
     watched = new_workspace(plan)
@@ -206,7 +209,7 @@ def test_an_absurd_value_away_from_the_network_stops_the_run_within_a_millisecon
 def test_an_absurd_gain_of_an_integrator_keeps_it_between_its_stops():
     plan = assemble(beside_a_bus(K=8e9), STEP)
     run = Run(plan, new_workspace(plan))
-    go(run, None, 0.5)
+    run_until(run, None, 0.5)
     assert not run.failure
     throttle, z_1 = (run.work.sig[plan.layout.index[f"governor.{name}"]] for name in ("throttle", "z_1"))
     assert -0.05 <= throttle <= 1.1
@@ -218,7 +221,7 @@ def test_a_control_signal_that_is_no_number_is_seen_although_every_bus_is_well()
     work = new_workspace(plan)
     work.sig[plan.layout.index["governor.a_1"]] = np.nan
     run = Run(plan, work)
-    go(run, None, 0.5)
+    run_until(run, None, 0.5)
     assert run.t <= 1e-3 + STEP
     assert "governor." in run.failure and "nan" in run.failure
 
@@ -289,7 +292,7 @@ def test_an_interrupt_before_the_first_step_leaves_nothing(ferry, scenario, tmp_
     def interrupted(*args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(runner, "start", interrupted)
+    monkeypatch.setattr(simulation, "start", interrupted)
     with pytest.raises(KeyboardInterrupt):
         simulate(scenario, tmp_path / "out")
     assert left_over(tmp_path, "short.yaml") == []
@@ -302,7 +305,7 @@ def never(*args):
 def test_a_full_disk_is_reported_before_the_run_starts(ferry, scenario, tmp_path, monkeypatch):
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(10**9, 10**9 - 1000, 1000))
-    monkeypatch.setattr(runner, "start", never)
+    monkeypatch.setattr(simulation, "start", never)
     with pytest.raises(ParameterError, match=r"--out: .*out has 1 kB free, expected at least \d.* for this run"):
         simulate(scenario, tmp_path / "deep" / "out")
     assert left_over(tmp_path, "short.yaml") == []
@@ -312,7 +315,7 @@ def test_a_full_disk_is_reported_before_the_run_starts(ferry, scenario, tmp_path
 
 def test_a_place_that_cannot_be_written_is_reported_before_the_run_starts(ferry, scenario, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setattr(runner, "start", never)
+    monkeypatch.setattr(simulation, "start", never)
     with pytest.raises(ParameterError, match="cannot be written: a file is in the way, expected another folder"):
         simulate(scenario, tmp_path / "file" / "out")
     with pytest.raises(ParameterError, match="is a file, expected a folder"):
@@ -330,7 +333,7 @@ def test_older_results_stay_if_the_new_run_cannot_start(ferry, scenario, tmp_pat
     def failed(*args):
         raise SolverError("no start")
 
-    monkeypatch.setattr(runner, "start", failed)
+    monkeypatch.setattr(simulation, "start", failed)
     with pytest.raises(SolverError):
         simulate(scenario, tmp_path / "out")
     assert (tmp_path / "out" / "summary.json").read_text() == before
@@ -342,7 +345,7 @@ def test_a_disk_that_fills_up_during_the_run_keeps_what_was_written(ferry, scena
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch, pytest.raises(SolverError, match="No space left"):
-        patch.setattr(runner, "make_results", full)
+        patch.setattr(conclude, "make_results", full)
         simulate(scenario, tmp_path / "out", until=0.01)
     (left,) = left_over(tmp_path, "short.yaml")
     assert left.startswith(".out-")

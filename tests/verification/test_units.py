@@ -27,7 +27,7 @@ from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model import component, kernel, signal
 from shipgrid.model.component import load_all, type_of
 from shipgrid.model.network import Network
-from shipgrid.scenarios.runner import build
+from shipgrid.scenarios.case import build
 from shipgrid.scenarios.snapshot import differences
 from shipgrid.units import Ratio
 

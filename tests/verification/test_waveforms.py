@@ -15,7 +15,7 @@ from shipgrid.io.plot import plot
 from shipgrid.model.network import Network, Waveform
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import open_results
-from shipgrid.scenarios.runner import Run, go
+from shipgrid.scenarios.session import Run, run_until
 from shipgrid.scenarios.waveforms import Window, merged, window_columns
 from verification.circuits import SourceBranch, Wave
 
@@ -64,7 +64,7 @@ class Kept:
 
 def run(plan, end, windows=(), writer=None):
     run = Run(plan, new_workspace(plan))
-    go(run, None, end, writer, windows=merged(windows, plan.h, end))
+    run_until(run, None, end, writer, windows=merged(windows, plan.h, end))
     return run
 
 

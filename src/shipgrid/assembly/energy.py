@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from shipgrid.assembly.layout import TypeLayout
@@ -61,3 +63,43 @@ def stored_energy(plan: Plan, work: Workspace) -> dict[str, float]:
         energy = 0.5 * axis_weight(node) * farad * float(work.sig[plan.layout.index[node]]) ** 2
         found[path] = found.get(path, 0.0) + energy
     return found
+
+
+def energy_balance(
+    plan: Plan, work: Workspace, before: Mapping[str, float]
+) -> tuple[dict[str, dict[str, float]], float]:
+    """Where the energy came from and went, by component, and the relative error of the balance.
+
+    Parameters
+    ----------
+    plan, work
+        A run.
+    before : mapping of str to float
+        `stored_energy` at its start.
+
+    Returns
+    -------
+    ledgers : dict of str to dict of str to float
+        `sources`, `consumers`, `losses`, `stored` (change) in joule by component path.
+    error : float
+        (sources - consumers - losses - stored) over the energy exchanged: what sources gave or took, each instant by
+        its magnitude, what was stored in the network at the start (it may swing to and fro unseen), and of everything
+        else the change of what is stored.
+    """
+    names = {"supplied": "sources", "consumed": "consumers", "losses": "losses"}
+    ledgers: dict[str, dict[str, float]] = {"sources": {}, "consumers": {}, "losses": {}, "stored": {}}
+    for (path, ledger), value in zip(plan.energy_items, work.energy, strict=True):
+        place = ledgers[names[ledger]]
+        short = path.removesuffix(".alpha").removesuffix(".beta")
+        place[short] = place.get(short, 0.0) + float(value)
+    after = stored_energy(plan, work)
+    for path, value in after.items():
+        short = path.removesuffix(".alpha").removesuffix(".beta")
+        ledgers["stored"][short] = ledgers["stored"].get(short, 0.0) + value - before.get(path, 0.0)
+    net = sum(ledgers["sources"].values()) - sum(sum(ledgers[k].values()) for k in ("consumers", "losses", "stored"))
+    apart = {path for path, placed in plan.network.placed.items() if not placed.ports}  # a hull, a shaft
+    exchanged = work.exchanged + sum(abs(joule) for path, joule in before.items() if path not in apart)
+    exchanged += sum(abs(after[path] - before.get(path, 0.0)) for path in apart & set(after))
+    if exchanged == 0.0:  # neither a source nor anything stored: what was booked at all is wrong, or nothing was
+        exchanged = sum(abs(joule) for ledger in ledgers.values() for joule in ledger.values())
+    return ledgers, net / exchanged if exchanged > 0.0 else 0.0

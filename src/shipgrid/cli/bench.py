@@ -43,7 +43,9 @@ def measure() -> dict[str, Any]:
     from shipgrid.io.scenario_file import load_case
     from shipgrid.io.ship_file import bundled
     from shipgrid.model.network import FIDELITIES
-    from shipgrid.scenarios import runner
+    from shipgrid.scenarios import provenance
+    from shipgrid.scenarios import simulate as simulation
+    from shipgrid.scenarios.case import DEFAULT_STEP
 
     cases: dict[str, Any] = {}
     for ship in bundled("ship"):
@@ -54,11 +56,14 @@ def measure() -> dict[str, Any]:
                 except InputErrors:  # a scenario for another ship
                     continue
                 of_scenario = loaded.step if fidelity == "averaged" else None
-                steps = sorted({runner.DEFAULT_STEP, of_scenario or runner.DEFAULT_STEP})
+                steps = sorted({DEFAULT_STEP, of_scenario or DEFAULT_STEP})
                 case = (cache, ship, scenario, fidelity)
                 cold, warm = _in_a_process(*case, []), _in_a_process(*case, steps)
                 cases[f"{ship} {scenario} {fidelity}"] = {"cold": cold, "steps": warm.pop("steps"), "warm": warm}
-    return {"cases": cases, **runner.provenance(runner.build(load_case("ferry", "mission")[0], runner.DEFAULT_STEP))}
+    return {
+        "cases": cases,
+        **provenance.provenance(simulation.build(load_case("ferry", "mission")[0], DEFAULT_STEP)),
+    }
 
 
 def flat(figures: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -74,17 +79,19 @@ def start_case(ship: str, scenario: str, fidelity: str) -> tuple[dict[str, Any],
     """Start a bundled case: seconds for imports, reading, assembling, start (with the compiler's), and the run."""
     began = time.perf_counter()
     from shipgrid.io.scenario_file import load_case
-    from shipgrid.scenarios import runner
+    from shipgrid.scenarios import session
+    from shipgrid.scenarios import simulate as simulation
+    from shipgrid.scenarios.case import DEFAULT_STEP
 
     imported = time.perf_counter()
     loaded_ship, loaded_scenario = load_case(ship, scenario)
     loaded_ship = loaded_scenario.ship_at_start(loaded_ship)
     read = time.perf_counter()
-    plan = runner.build(loaded_ship, runner.DEFAULT_STEP, fidelity, loaded_scenario.rules)
+    plan = simulation.build(loaded_ship, DEFAULT_STEP, fidelity, loaded_scenario.rules)
     built = time.perf_counter()
-    work, _ = runner.start(plan, loaded_ship, loaded_scenario)
+    work, _ = simulation.start(plan, loaded_ship, loaded_scenario)
     started = time.perf_counter()
-    run = runner.Run(plan, work)
+    run = session.Run(plan, work)
     _advance(run, 1)
     figures = {
         "import_s": imported - began,
@@ -108,12 +115,12 @@ def step_times(ship: str, scenario: str, fidelity: str, step: float) -> dict[str
         Step [s].
     """
     from shipgrid.io.scenario_file import load_case
-    from shipgrid.scenarios import runner
+    from shipgrid.scenarios import simulate as simulation
 
     loaded_ship, loaded_scenario = load_case(ship, scenario)
     loaded_ship = loaded_scenario.ship_at_start(loaded_ship)
-    plan = runner.build(loaded_ship, step, fidelity, loaded_scenario.rules)
-    work, _ = runner.start(plan, loaded_ship, loaded_scenario)
+    plan = simulation.build(loaded_ship, step, fidelity, loaded_scenario.rules)
+    work, _ = simulation.start(plan, loaded_ship, loaded_scenario)
     return spell_times(plan, work)
 
 
@@ -189,6 +196,6 @@ def _in_a_process(cache: str, ship: str, scenario: str, fidelity: str, steps: li
 
 
 def _advance(run: Any, steps: int) -> None:
-    from shipgrid.scenarios.runner import go
+    from shipgrid.scenarios.session import run_until
 
-    go(run, None, (run.work.n + steps) * run.plan.h)
+    run_until(run, None, (run.work.n + steps) * run.plan.h)

@@ -167,7 +167,7 @@ def live(
         _refuse("--console: not in this version")
     with _errors_as_exit_status():
         from shipgrid.realtime.executive import Executive
-        from shipgrid.scenarios.runner import default_place
+        from shipgrid.scenarios.simulate import default_place
 
         gateway = _gateway({"udp": udp, "modbus": modbus}, on_loss, timeout)
         asked, found = _cores(cores)
@@ -409,7 +409,7 @@ class Case:
     @property
     def step(self) -> float:
         """Step [s]: what is asked for, or the scenario's (averaged only), or 30 us."""
-        from shipgrid.scenarios.runner import DEFAULT_STEP
+        from shipgrid.scenarios.case import DEFAULT_STEP
 
         of_scenario = self.scenario.step if self.options["fidelity"] == "averaged" else None
         return self.options["step"] or of_scenario or DEFAULT_STEP
@@ -439,8 +439,8 @@ def _case(
     from shipgrid.io.scenario_file import LONGEST_STEP, SHORTEST_STEP, read_case, step_range
     from shipgrid.io.ship_file import open_document
     from shipgrid.model.network import FIDELITIES
+    from shipgrid.scenarios.case import DEFAULT_STEP
     from shipgrid.scenarios.parts import parts_wanted
-    from shipgrid.scenarios.runner import DEFAULT_STEP
 
     problems: list[str] = []
 
@@ -656,7 +656,7 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from shipgrid.scenarios import runner
+    from shipgrid.scenarios import simulate as simulation
     from shipgrid.scenarios.output_folder import place_of, unfinished
 
     console = Console(stderr=True)
@@ -669,7 +669,7 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
     )
     if "parts" in options:
         _say_cut(case, len(live.cores) or 1 if live else options.get("workers", 1))
-    left = [] if resume else unfinished(out or runner.default_place(scenario, options["fidelity"]))
+    left = [] if resume else unfinished(out or simulation.default_place(scenario, options["fidelity"]))
     for folder in left:
         what = "is replaced by this run" if folder == place_of(folder) else "stays as it is"
         console.print(f"an unfinished run lies in {folder} and {what}; --resume would continue it", soft_wrap=True)
@@ -700,7 +700,7 @@ def _simulate(case: Case, out: Path | None, *, report: bool, resume: bool, live:
             speed = f"{(now - begun) / elapsed:.1f} x real time" if elapsed > 0.0 else ""
             bar.update(task, completed=now, total=total, speed=speed)
 
-        return runner.simulate(
+        return simulation.simulate(
             case.ship,
             scenario,
             out=out,

@@ -19,9 +19,9 @@ from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
 from shipgrid.io.ship_file import Catalogue, Ship, check_head, fields_of_kind, load_ship, open_document, read_ship
 from shipgrid.io.timeline_file import Event, TimelineReader
-from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, nearest, replaced
+from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, replaced
 from shipgrid.model.component import Bounds, unit_of
-from shipgrid.names import refusal
+from shipgrid.names import nearest, refusal
 from shipgrid.scenarios.conditions import ConditionalEntry
 
 STATES = ("moored", "cold")

@@ -29,13 +29,12 @@ from shipgrid.io.yaml_lines import (
     Problems,
     Scalar,
     Section,
-    nearest,
     read_document,
     replaced,
 )
 from shipgrid.model.component import Bounds, load_all, param, unit_of
 from shipgrid.model.network import Network
-from shipgrid.names import ITEM_EXPECTED, ITEM_NAME, PART_NAME, refusal, shown
+from shipgrid.names import ITEM_EXPECTED, ITEM_NAME, PART_NAME, nearest, refusal, shown
 from shipgrid.units import Farad, Hertz, Ohm, Volt
 
 BUILD_ORDER = (

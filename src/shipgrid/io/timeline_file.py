@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
 
 from shipgrid.io.quantities import show_quantity
-from shipgrid.io.yaml_lines import Listing, Node, Place, Problems, Scalar, Section, nearest
-from shipgrid.names import refusal
+from shipgrid.io.yaml_lines import Listing, Node, Place, Problems, Scalar, Section
+from shipgrid.names import nearest, refusal
 from shipgrid.scenarios.conditions import Condition, ConditionalEntry
 
 UNLIMITED = "unlimited"

@@ -6,12 +6,13 @@ say, not for YAML. Mistakes are collected in `Problems`, all of them, a duplicat
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from shipgrid.errors import InputErrors
+from shipgrid.names import nearest
 
 
 @dataclass(frozen=True)
@@ -356,14 +357,3 @@ def _plain(node: Node) -> Any:
     if isinstance(node, Listing):
         return [_plain(item) for item in node.items]
     return {key: _plain(value) for key, value in node}
-
-
-def nearest(word: str, valid: Mapping[str, Any] | Sequence[str]) -> str:
-    """Hint naming the nearest valid word, or all of them where there are few, or nothing."""
-    import difflib
-
-    names = list(valid)
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
-    if near:
-        return f" (nearest: '{near[0]}')"
-    return f" (there are: {', '.join(names)})" if 0 < len(names) <= 12 else ""

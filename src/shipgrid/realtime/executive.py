@@ -25,7 +25,6 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.crew import cores as usable
 from shipgrid.assembly.plan import Plan, Workspace
@@ -37,8 +36,10 @@ from shipgrid.realtime.recording import Recording
 from shipgrid.realtime.shared import SharedArrays
 from shipgrid.scenarios.output_folder import COMMANDS
 from shipgrid.scenarios.outside import Outside
+from shipgrid.scenarios.resume import SnapshotWriter
 from shipgrid.scenarios.row_log import RowLog
-from shipgrid.scenarios.runner import Interrupt, Keeper, Progress, Run, last_rows, logged_events, time_of_a_step
+from shipgrid.scenarios.session import Interrupt, Progress, Run, Stepper, last_rows, logged_events
+from shipgrid.scenarios.simulate import time_of_a_step
 from shipgrid.scenarios.snapshot import copied
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import FOREVER, WaveRecorder, Window
@@ -157,9 +158,9 @@ class Executive:
         log: RowLog,
         progress: Progress | None,
         windows: Sequence[Window],
-        keeper: Keeper,
+        keeper: SnapshotWriter,
     ) -> None:
-        """Step a run to its end, as `runner.go` does, but by the clock."""
+        """Step a run to its end, as `session.run_until` does, but by the clock."""
         plan, work = run.plan, run.work
         time_of_a_step(plan, work)  # compiled, and in the caches, before the clock is on
         waves = WaveRecorder(plan, work, windows)
@@ -300,10 +301,11 @@ class _Steps(threading.Thread):
         waves: WaveRecorder,
         last: int,
         kept: TextIO,
-        keeper: Keeper,
+        keeper: SnapshotWriter,
     ):
         super().__init__(name="shipgrid-steps", daemon=True)
         self.executive, self.plant, self.due, self.waves, self.last = executive, run, due, waves, last
+        self.stepper = Stepper(run, due, waves=waves)
         self.kept, self.keeper = kept, keeper
         self.state: tuple[Workspace, dict[str, Any], dict[str, np.ndarray]] | None = None
         self.wrong: BaseException | None = None
@@ -361,16 +363,16 @@ class _Steps(threading.Thread):
                 continue
             self.log_events()  # before the commands of this instant, as offline
             given, done = self.due.give(), 0
-            stop = int(min(self.last, self.due.until(), self.waves.until(work.n)))
+            stop = self.stepper.horizon(self.last)
             if given:
                 p.did |= pacing.VISITED
                 while done == 0:  # a request waits for one step: what has been given belongs to it
                     p.stop = 0
-                    done = crew(1, work.n)
+                    done = self.stepper.step(crew, 1)
             else:
                 stop = min(stop, work.n + executive.singles) if standing else stop
-                done = crew(stop - work.n, work.n)
-            self._advanced(done, standing=standing)
+                done = self.stepper.step(crew, stop - work.n)
+            self._booked(done, standing=standing)
         spent += int(p.now) - began
         run.wall_s += 1e-9 * spent
         steps = work.n - int(p.anchor_step)
@@ -383,15 +385,13 @@ class _Steps(threading.Thread):
             "involuntary_switches": resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw - before,
         }
 
-    def _advanced(self, done: int, *, standing: bool) -> None:
-        """Book steps that have been run, singly or not; a negative number says that the last of them failed."""
-        run, plan, work = self.plant, self.plant.plan, self.plant.work
-        work.n += abs(done)
+    def _booked(self, done: int, *, standing: bool) -> None:
+        """Count steps that have been run singly; log a failure of the last of them."""
+        run = self.plant
         with self.executive.counting:
             self.executive.singles = max(0, self.executive.singles - abs(done) * standing)
-        if done < 0:
-            run.failure = culprit(plan, work)
-            run.events.append((run.t, plan.network.name, run.failure))
+        if run.failure:
+            run.events.append((run.t, run.plan.network.name, run.failure))
 
     def _copy_state(self) -> None:
         """Copy what a snapshot has, for the main thread to write."""

@@ -26,8 +26,9 @@ from shipgrid.realtime.desk import LOST, Desk
 from shipgrid.realtime.registers import write_registers
 from shipgrid.realtime.shared import SharedArrays
 from shipgrid.realtime.udp import UdpServer
+from shipgrid.scenarios.case import build
 from shipgrid.scenarios.output_folder import REGISTERS
-from shipgrid.scenarios.runner import Run, build
+from shipgrid.scenarios.session import Run
 
 WATCH = 5e-3
 """Time [s] between two looks at controllers and at the standard input."""

@@ -1,1 +1,1 @@
-"""A story to run: runner, recorder, results."""
+"""A story to run: case, session, recorder, results."""

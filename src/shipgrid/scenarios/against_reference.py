@@ -16,7 +16,9 @@ from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import InputErrors, SolverError
 from shipgrid.model.network import PublicSignal, Waveform
-from shipgrid.scenarios.runner import DEFAULT_STEP, Run, build, go, start
+from shipgrid.scenarios.case import DEFAULT_STEP, build
+from shipgrid.scenarios.session import Run, run_until
+from shipgrid.scenarios.start import start
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import merged
 from shipgrid.solvers.reference import reference_run
@@ -97,7 +99,7 @@ def against_reference(
     who = {"interlocks": Interlocks(ship, plan), "operator": operator_of(scenario.rules, ship, plan)}
     who |= {"entries": scenario.entries, "named_times": scenario.named_times}
     due = Timeline(plan, work, run.events, scenario.events, **who)
-    go(run, due, span.first * h)
+    run_until(run, due, span.first * h)
     if run.failure:
         raise SolverError(run.failure)
     begin = work.snapshot()
@@ -105,7 +107,7 @@ def against_reference(
     paths = list(dict.fromkeys(path for wave in waves for path, _ in terms_of(wave)))
     truth = reference_run(plan, begin, span.last * h, paths, rtol=rtol)
     fast = _Kept(plan)
-    go(run, None, span.last * h, fast, windows=[span])
+    run_until(run, None, span.last * h, fast, windows=[span])
     if run.failure:
         raise SolverError(run.failure)
     found = []

@@ -17,7 +17,9 @@ from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import ParameterError, SolverError
 from shipgrid.scenarios.against_reference import Deviation
-from shipgrid.scenarios.runner import DEFAULT_STEP, Run, build, go, start
+from shipgrid.scenarios.case import DEFAULT_STEP, build
+from shipgrid.scenarios.session import Run, run_until
+from shipgrid.scenarios.start import start
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import Window
 
@@ -111,7 +113,7 @@ class _Side:
         plan, n = self.run.plan, self.run.work.n
         window = Window(n + 1 if n else 0, last, "waveforms")
         self.kept.clear()
-        go(self.run, self.due, last * plan.h, self, windows=[window])
+        run_until(self.run, self.due, last * plan.h, self, windows=[window])
         if self.run.interrupted:
             raise KeyboardInterrupt
         if self.run.failure:

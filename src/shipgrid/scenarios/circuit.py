@@ -22,26 +22,25 @@ import numpy as np
 
 from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.assembly import plan as assembly
-from shipgrid.assembly.energy import powers, stored_energy
+from shipgrid.assembly.energy import energy_balance, powers, stored_energy
 from shipgrid.assembly.hand_over import (
-    fill_delay_lines,
     places_to_set,
     places_to_start,
     remembered,
     same_plant,
-    set_time,
-    settle,
-    taken_over,
 )
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network
 from shipgrid.scenarios import snapshot
+from shipgrid.scenarios.conclude import limiter_meaning, limiter_rows
 from shipgrid.scenarios.events import At, seconds, timeline
+from shipgrid.scenarios.provenance import provenance
 from shipgrid.scenarios.results import Event, Limiter, bibliography
-from shipgrid.scenarios.runner import Run, energy_balance, go, limiter_meaning, limiter_rows, provenance
+from shipgrid.scenarios.session import Run, run_until
+from shipgrid.scenarios.start import LOGS, begin_at
 from shipgrid.scenarios.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -49,11 +48,6 @@ if TYPE_CHECKING:
 
 NEVER = 2**62
 """Steps between the rows of a group that has no signals."""
-LOGS = (
-    *("rows", "plant_rows", "slow_rows", "interval", "energy", "exchanged", "limiter_time"),
-    *("event_step", "event_which", "event_value", "event_count"),
-)
-"""What of a workspace belongs to one run and not to its state."""
 MOST_VALUES = 50_000_000
 """Numbers a run may keep in memory: 400 MB."""
 
@@ -137,7 +131,7 @@ class RunnablePlan(Plan):
         until = seconds("until", until)
         sources = self._sources(record)
         watching = self._watching(sources, every)
-        work = self._workspace(watching, start, None if begin is None else seconds("begin", begin))
+        work = begin_at(watching, start, None if begin is None else seconds("begin", begin))
         began = work.n * self.h
         if not (math.isfinite(until) and round(until / self.h) > work.n):
             raise ParameterError(f"until = {until!r} s, expected a time after the start at {began:g} s")
@@ -152,7 +146,7 @@ class RunnablePlan(Plan):
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]
         memory.append("plant", np.array([began]), value, value, value, value)
-        go(run, Timeline(watching, work, run.events, lines, _said, places_to_set(self)), until, memory)
+        run_until(run, Timeline(watching, work, run.events, lines, _said, places_to_set(self)), until, memory)
         # of signal components each step was counted with the power at its end: half of the difference too much
         work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
         result = CircuitRun(self, run, memory, list(sources), before)
@@ -239,41 +233,6 @@ class RunnablePlan(Plan):
             recorded=recorded, n_plant=len(recorded), record_every=int(every), audit_every=1, slow_every=NEVER
         )
         return dataclasses.replace(self, step=step)
-
-    def _workspace(
-        self, watching: Plan, start: Workspace | OperatingPoint | Mapping[str, float] | None, begin: float | None
-    ) -> Workspace:
-        if isinstance(start, OperatingPoint):
-            start = start.workspace()
-        if isinstance(start, Workspace):
-            if begin is not None:
-                raise ParameterError(f"begin = {begin:g} s, expected none: the start has its own time")
-            copied, empty = taken_over(start, watching), new_workspace(watching)
-            copied.plan = watching
-            copied.step = copied.step._replace(**{name: getattr(empty.step, name) for name in LOGS})
-            copied.forget_notes()
-            return copied
-        work = new_workspace(watching)
-        known = places_to_start(self)
-        wrong = []
-        for path, value in (start or {}).items():
-            if path in known and math.isfinite(value):
-                work.sig[known[path]] = value
-                continue
-            near = difflib.get_close_matches(path, known, n=1)
-            hint = f" (nearest: '{near[0]}')" if near and path not in known else ""
-            wrong.append(f"start: '{path}' = {value!r} is no value of a state, bus voltage or command{hint}")
-        if begin is not None and not (math.isfinite(begin) and begin >= 0.0):
-            wrong.append(f"begin = {begin!r} s, expected a time from 0 on")
-        wrong = wrong or settle(watching, work)
-        if wrong:
-            raise InputErrors(wrong)
-        if start:
-            fill_delay_lines(watching, work)
-            settle(watching, work)
-        if begin is not None:
-            set_time(watching, work, begin)
-        return work
 
 
 class CircuitRun:

@@ -57,7 +57,7 @@ def read_outside(path: Path, commands: Mapping[str, Any], *, torn: bool = False)
         if command is None:
             problems.append(f"{path}:{number}: {name}: the ship has no such command")
         elif not in_range(command, given.value):
-            problems.append(f"{path}:{number}: {name}: {value} is out of range, expected {_range(command)}")
+            problems.append(f"{path}:{number}: {name}: {value} is out of range, expected {range_text(command)}")
         elif given.step < 0:
             problems.append(f"{path}:{number}: {name}: step {step} is before the start, expected 0 or more")
         found.append(given)
@@ -66,7 +66,7 @@ def read_outside(path: Path, commands: Mapping[str, Any], *, torn: bool = False)
     return sorted(found, key=lambda command: command.step)
 
 
-def _range(command: Any) -> str:
+def range_text(command: Any) -> str:
     """The numbers that a command takes, in words."""
     if command.words is not None:
         return " or ".join(f"{code:g} ({word})" for word, code in command.words.items())

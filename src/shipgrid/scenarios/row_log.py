@@ -18,9 +18,15 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from shipgrid.assembly.plan import Plan
 from shipgrid.scenarios.output_folder import COLUMNS, RESULTS, ROWS, SNAPSHOT, sync_file, write_text
 from shipgrid.scenarios.recorder import CHUNK_ROWS, LAYERS, Column, ResultsWriter
 from shipgrid.scenarios.snapshot import read
+from shipgrid.scenarios.waveforms import Window, window_columns
+
+BYTES_PER_VALUE = 2 * 16
+"""Disk space set aside before a run starts: four single-precision numbers a recorded value, as rows while the run goes
+on, and in the results made of them, before compression."""
 
 GROUP = re.compile(r"[a-z]+(/[0-9]+)?")
 """Name of a group: it becomes that of a file."""
@@ -199,3 +205,19 @@ def _row(group: str, columns: int) -> np.dtype:
     """A row of a group: every step of a window is recorded, so that it has no extremes and means."""
     layers = 1 if group.startswith("waveforms/") else len(LAYERS)
     return np.dtype([("time", "<f8"), ("layers", "<f4", (layers, columns))])
+
+
+def bytes_needed(plan: Plan, end: float, windows: Sequence[Window]) -> int:
+    """Disk space [bytes] that a run needs at most.
+
+    Parameters
+    ----------
+    plan : Plan
+    end : float
+        Length of the run [s].
+    windows : sequence of Window
+        Where every step is recorded.
+    """
+    values = sum(BYTES_PER_VALUE * len(names) * end / plan.record_period[group] for group, names in plan.groups.items())
+    rows = sum(window.last - window.first + 1 for window in windows)
+    return int(values) + 2 * rows * (4 * len(window_columns(plan)) + 8) + 8_000_000

@@ -34,8 +34,8 @@ from shipgrid.scenarios.output_folder import sync_folder
 SCHEMA = 2
 HEAD = "about"
 EMPTIED = ("plant_rows", "slow_rows", "wave_rows", "event_step", "event_which", "event_value")
-"""Arrays of a workspace that the runner empties before it looks at the clock: what they hold is not read again."""
-LOOP = "shipgrid.scenarios.runner"
+"""Arrays of a workspace that are emptied before it looks at the clock: what they hold is not read again."""
+LOOP = "shipgrid.scenarios.simulate"
 ACTING = ("shipgrid.scenarios.", "shipgrid.automation.")
 """The module that steps a run, and the packages whose modules act between its steps, as far as it reaches them."""
 MOST_LINES = 12
@@ -181,6 +181,22 @@ def copied(work: Workspace) -> Workspace:
     net = work.net._replace(**{name: value.copy() for name, value in work.net._asdict().items()})
     parts = tuple(copied(part) for part in work.parts)
     return Workspace(work.plan, work.n, work.sig.copy(), net, work.step._replace(**kept), work.pace, parts)
+
+
+def take_back(work: Workspace, state: Workspace) -> None:
+    """Let a workspace be as another one of its plan is, in its own memory; its buffers are empty then.
+
+    Parameters
+    ----------
+    work : Workspace
+        Changed in place.
+    state : Workspace
+        Of `copied`, say.
+    """
+    work.n = state.n
+    theirs = _arrays(state)
+    for name, array in _arrays(work).items():
+        array[...] = theirs[name]
 
 
 def restore(plan: Plan, n: int, arrays: Mapping[str, np.ndarray]) -> Workspace:

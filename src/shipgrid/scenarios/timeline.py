@@ -8,6 +8,7 @@ it gives them at the same steps.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -109,6 +110,41 @@ class Timeline:
             self.interlocks.said |= found["said"]
         if self.operator is not None:
             self.operator.state |= found["operator"]
+
+    def state(self) -> dict[str, Any]:
+        """A copy of all that it has to know to go on from this step, in this process."""
+        waiting = {"pending": deque(self.pending), "outside": deque(self.outside), "named": deque(self.named)}
+        return waiting | copy.deepcopy(self.remembered())
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go back to a `state`."""
+        self.pending, self.outside, self.named = (deque(state[name]) for name in ("pending", "outside", "named"))
+        if self.interlocks is not None:
+            self.interlocks.held.clear()
+            self.interlocks.said.clear()
+        if self.operator is not None:
+            self.operator.state.clear()
+        self.remember(copy.deepcopy(dict(state)))
+
+    def command(self, path: str, value: float, origin: str) -> str:
+        """Give a command at once; why the interlocks hold it back, empty if it has taken effect.
+
+        Parameters
+        ----------
+        path : str
+        value : float
+            SI; the code of a word.
+        origin : str
+            Whose it is, for the log.
+        """
+        text = f"{self.said(path, value)}, by {origin}"
+        if self.interlocks is None:
+            self.work.sig[self.places[path]] = value
+            self._log(path, text)
+            return ""
+        (verdict,) = self.interlocks.give(self.work.sig, {path: value})
+        self._log(path, f"refused: {verdict.reason} ({text})" if verdict.reason else text)
+        return verdict.reason
 
     def give(self) -> bool:
         """Give what is due at this step, and look again at what is held back; true if there was anything."""
