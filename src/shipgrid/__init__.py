@@ -27,6 +27,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from shipgrid import units
     from shipgrid.analysis.equilibrium import OperatingPoint, steady_state
     from shipgrid.analysis.frequency_response import FrequencyResponse, impedance, loop_gain
     from shipgrid.analysis.linearise import LinearModel, linearise
@@ -49,15 +50,23 @@ if TYPE_CHECKING:
     from shipgrid.components.electrical.voltage_dependent_load import VoltageDependentLoad
     from shipgrid.components.machines.induction_motor import InductionMotor
     from shipgrid.components.machines.pmsm import Pmsm
+    from shipgrid.components.marine.hull import Hull
+    from shipgrid.components.marine.propeller import Propeller
+    from shipgrid.components.mechanical.diesel_engine import DieselEngine
+    from shipgrid.components.mechanical.shaft import Shaft
+    from shipgrid.components.sources.battery import Battery
     from shipgrid.components.sources.dc_source import CurrentSource, DcSource, InductiveDcSource
+    from shipgrid.components.sources.supercapacitor import Supercapacitor
     from shipgrid.components.sources.synchronous_generator import SynchronousGenerator
     from shipgrid.components.sources.three_phase_source import ThreePhaseSource
+    from shipgrid.controllers.exciter_ac1a import Ac1a
+    from shipgrid.controllers.governor_degov1 import Degov1
     from shipgrid.io.case import Case
     from shipgrid.io.scenario_file import Scenario, load_scenario
     from shipgrid.io.ship_file import Ship, load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
     from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
-    from shipgrid.modulators.averaged import DirectBridge
+    from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg, DirectBridge
     from shipgrid.modulators.hysteresis import HysteresisBridge
     from shipgrid.modulators.open_loop import SineModulation
     from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
@@ -70,8 +79,12 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Ac1a",
     "Across",
     "At",
+    "AveragedBridge",
+    "AveragedLeg",
+    "Battery",
     "Breaker",
     "Capacitor",
     "Carrier",
@@ -83,10 +96,13 @@ __all__ = [
     "CurrentSource",
     "DcLoad",
     "DcSource",
+    "Degov1",
+    "DieselEngine",
     "DirectBridge",
     "Every",
     "FrequencyResponse",
     "HalfBridge",
+    "Hull",
     "HysteresisBridge",
     "InductionMotor",
     "InductiveDcSource",
@@ -101,6 +117,7 @@ __all__ = [
     "Pmsm",
     "Pole",
     "Pole3",
+    "Propeller",
     "Resistor",
     "Results",
     "RlBranch",
@@ -112,8 +129,10 @@ __all__ = [
     "Session",
     "SessionState",
     "Set",
+    "Shaft",
     "Ship",
     "SineModulation",
+    "Supercapacitor",
     "SynchronousGenerator",
     "Terminal",
     "ThreePhaseSource",
@@ -137,6 +156,7 @@ __all__ = [
     "signal",
     "simulate",
     "steady_state",
+    "units",
 ]
 
 _HOMES = {
@@ -163,14 +183,22 @@ _HOMES = {
     "shipgrid.components.machines.induction_motor": ("InductionMotor",),
     "shipgrid.components.machines.pmsm": ("Pmsm",),
     "shipgrid.components.sources.dc_source": ("CurrentSource", "DcSource", "InductiveDcSource"),
+    "shipgrid.components.sources.supercapacitor": ("Supercapacitor",),
     "shipgrid.components.sources.synchronous_generator": ("SynchronousGenerator",),
     "shipgrid.components.sources.three_phase_source": ("ThreePhaseSource",),
+    "shipgrid.components.marine.hull": ("Hull",),
+    "shipgrid.components.marine.propeller": ("Propeller",),
+    "shipgrid.components.mechanical.shaft": ("Shaft",),
+    "shipgrid.components.mechanical.diesel_engine": ("DieselEngine",),
+    "shipgrid.components.sources.battery": ("Battery",),
+    "shipgrid.controllers.governor_degov1": ("Degov1",),
+    "shipgrid.controllers.exciter_ac1a": ("Ac1a",),
     "shipgrid.io.case": ("Case",),
     "shipgrid.io.scenario_file": ("Scenario", "load_scenario"),
     "shipgrid.io.ship_file": ("Ship", "load_ship"),
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
     "shipgrid.model.network": ("Across", "Every", "Network", "Pole", "Pole3", "Sampled"),
-    "shipgrid.modulators.averaged": ("DirectBridge",),
+    "shipgrid.modulators.averaged": ("AveragedBridge", "AveragedLeg", "DirectBridge"),
     "shipgrid.modulators.hysteresis": ("HysteresisBridge",),
     "shipgrid.modulators.open_loop": ("SineModulation",),
     "shipgrid.modulators.time_stamped": ("Carrier", "TimeStampedBridge", "TimeStampedLeg"),
@@ -183,6 +211,8 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "units":
+        return importlib.import_module("shipgrid.units")
     for home, names in _HOMES.items():
         if name in names:
             value = getattr(importlib.import_module(home), name)

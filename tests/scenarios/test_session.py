@@ -190,6 +190,23 @@ def test_a_circuit_is_stepped_like_a_run_of_it(plan):
     assert np.array_equal(again.work.sig, run.end.sig)
 
 
+def test_a_parameter_is_no_command_and_that_is_said(plan):
+    with pytest.raises(ParameterError, match=r"R is a parameter, which stands during a run: assemble a new plan"):
+        sg.Session(plan).command("cable.R", 1.0)
+    with pytest.raises(InputErrors, match=r"v_0 is a parameter, which stands during a run: assemble a new plan"):
+        plan.run(events=[sg.At(0.01, sg.Set("source.v_0", 1.0))], until=0.02)
+
+
+def test_an_event_between_two_steps_is_given_at_the_nearest_and_says_so(plan):
+    start = {"a.v_dc": 400.0, "b.v_dc": 400.0}
+    events = [sg.At(0.0100133, sg.Open("breaker")), sg.At(0.015, sg.Close("breaker"))]
+    run = plan.run(start, events=events, until=0.02, record=["b.v_dc"])
+    said = [event for event in run.events if "between two steps" in event.text]
+    assert [(event.source, event.text) for event in said] == [
+        ("breaker.close", "asked for at 0.0100133 s, between two steps: given at 0.01002 s")
+    ]
+
+
 def test_a_run_that_diverges_says_so_and_can_be_taken_back(plan):
     session = sg.Session(plan, {"a.v_dc": 400.0, "b.v_dc": 400.0})
     state = session.snapshot()

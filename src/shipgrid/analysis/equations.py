@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.signal import tf2ss
 from scipy.special import factorial
 
 from shipgrid.analysis.islands import find_islands, pairs_of
@@ -59,6 +58,8 @@ PROBE = 1e-9
 
 def pade(delay: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """State-space form A, b, c, d of the Pade quotient of `order` for a dead time of `delay` [s]."""
+    from scipy.signal import tf2ss  # a third of a second, which a run has no use for
+
     k = np.arange(order + 1)
     a = factorial(2 * order - k) / (factorial(k) * factorial(order - k))  # of s^k; the numerator has (-s)^k
     A, B, C, D = tf2ss(((-1.0) ** k * a)[::-1], a[::-1])

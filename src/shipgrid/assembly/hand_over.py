@@ -12,7 +12,7 @@ import numpy as np
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import settle_network, settle_outputs
 from shipgrid.errors import TopologyError
-from shipgrid.model.component import type_of
+from shipgrid.model.component import parameters_of, type_of
 from shipgrid.model.network import PortBinding
 from shipgrid.model.records import names_of
 
@@ -32,6 +32,18 @@ def places_to_set(plan: Plan) -> dict[str, int]:
             if name not in ends and not isinstance(placed.inputs.get(name), str):
                 places[path] = layout.slots["u", path]
     return places | {command: layout.index[f"command:{command}"] for command in plan.network.commands}
+
+
+def why_not_set(plan: Plan, path: str) -> str:
+    """Why an event cannot set what a path names, in words: it is a parameter, or follows from a signal; else empty."""
+    owner, _, name = path.rpartition(".")
+    placed = plan.network.placed.get(owner)
+    if placed is None:
+        return ""
+    if name in {parameter for parameter, *_ in parameters_of(type(placed.item))}:
+        return f"{name} is a parameter, which stands during a run: assemble a new plan"
+    fed = placed.inputs.get(name)
+    return f"{name} is fed by '{fed}'" if isinstance(fed, str) else ""
 
 
 def places_to_start(plan: Plan) -> dict[str, list[int]]:

@@ -116,7 +116,7 @@ def unit_arrays(kind: ComponentType) -> dict[str, tuple[Any, int]]:
 
 
 def operations(kind: ComponentType) -> dict[str, tuple[str, list[str]]]:
-    """Operations of a type's unit: the function that does each, and the arguments that it is called with.
+    """Operations of a type's unit: the function that does each, and what it is called with beside table, t, h and gh.
 
     Parameters
     ----------
@@ -124,33 +124,29 @@ def operations(kind: ComponentType) -> dict[str, tuple[str, list[str]]]:
     """
     kernels = kind.kernels
     found: dict[str, tuple[str, list[str]]] = {}
+
+    def offer(*names: str) -> None:
+        found.update({name: (name, []) for name in names})
+
     if is_continuous(kind):
-        outputs = [("outputs", ["t"])] if "outputs" in kernels else []
-        found["first_rates"] = "rates", ["t", "0.0"]
-        found["last_rates"] = "rates", ["t", "1.0"]
-        found["move_half"] = "move_half", []
-        found["move"] = "move", []
-        found["correct"] = "correct", []
-        found |= {"outputs": outputs[0], "outputs_ahead": ("outputs_ahead", ["t"])} if outputs else {}
+        found["first_rates"] = "rates", ["0.0"]
+        found["last_rates"] = "rates", ["1.0"]
+        offer("move_half", "move", "correct", *(["outputs", "outputs_ahead"] if "outputs" in kernels else []))
     elif kind.stage != "network" and not kind.terminals:
         if "modulate" in kernels:
-            found["modulate"] = "modulate", ["h"]
-        elif set(kernels) & {"update", "outputs"}:
-            found["run"] = "run", ["t", "h"]
-            if "update" not in kernels:
-                found["outputs"] = found["run"]
-                found["outputs_ahead"] = "outputs_ahead", ["t"]
+            offer("modulate")
+        elif "update" in kernels:
+            offer("run")
+        elif "outputs" in kernels:
+            offer("run", "outputs_ahead")
+            found["outputs"] = found["run"]
     if kind.stamped:
-        found["begin"] = "begin", []
-        found["first_stamp"] = "first_stamp", ["t", "gh"]
-        found["advance"] = "advance", ["t", "gh"]
-        found["second_stamp"] = "second_stamp", ["t", "gh"]
-        found["finish"] = "finish", ["t"]
+        offer("begin", "first_stamp", "advance", "second_stamp", "finish")
     if any(ledger in kernels for ledger in LEDGERS):
         if kind.terminals:
-            found["book_first_stage"] = "book_stage", ["t", "True", "1.0 - GAMMA"]
-            found["book_second_stage"] = "book_stage", ["t", "False", "GAMMA"]
-        found["book"] = "book", ["t", "gh"]  # in the place of a stage's step the period of the audit
+            found["book_first_stage"] = "book_stage", ["True", "1.0 - GAMMA"]
+            found["book_second_stage"] = "book_stage", ["False", "GAMMA"]
+        offer("book")  # in the place of `gh` the period of the audit
     return found
 
 
@@ -199,7 +195,7 @@ class _Unit:
             entry.append(f"    {'el' if k else ''}if operation == {OPERATION[name]}:  # {name}")
             for step in together(self.kind, name):
                 function, values = offered[step]
-                entry.append(f"        {function}({', '.join(['table', *values])})")
+                entry.append(f"        {function}({', '.join(['table', 't', 'h', 'gh', *values])})")
         return "\n".join(
             [
                 f'"""Unit of {self.kind.cls.__module__}.{self.kind.name}, written by shipgrid. Do not edit."""',
@@ -215,21 +211,9 @@ class _Unit:
         )
 
     def _function(self, name: str) -> list[str]:
-        given = {
-            "rates": "t, late",
-            "modulate": "h",
-            "run": "t, h",
-            "outputs": "t",
-            "outputs_ahead": "t",
-            "first_stamp": "t, gh",
-            "advance": "t, gh",
-            "second_stamp": "t, gh",
-            "finish": "t",
-            "book_stage": "t, first, share",
-            "book": "t, period",
-        }.get(name)
+        given = {"rates": ", late", "book_stage": ", first, share"}.get(name, "")
         body = getattr(self, f"_{name}")()
-        head = f"def {name}(table{', ' + given if given else ''}):"
+        head = f"def {name}(table, t, h, gh{given}):"
         return ["", "", "@inlined", head, *(f"    {line}" for line in [*self._views_in(body), *body])]
 
     def _views_in(self, body: Sequence[str]) -> list[str]:
@@ -335,7 +319,7 @@ class _Unit:
         for ledger, power in zip(ledgers, self._powers(), strict=True):
             watt = "stage_power[e + i]" if self.kind.terminals else power
             exchanged = ["exchanged[0] += abs(joule)"] if ledger == "supplied" else []
-            joule = f"joule = period * {watt}"
+            joule = f"joule = gh * {watt}"
             lines += [*_for_all([joule, "energy[e + i] += joule", *exchanged]), "e += clock.shape[0]"]
         return lines
 

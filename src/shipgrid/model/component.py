@@ -18,6 +18,8 @@ from functools import cache
 from typing import Any, TypeVar, dataclass_transform
 
 from shipgrid.errors import ParameterError
+from shipgrid.model.kernel import argument_names
+from shipgrid.model.kernel_contract import CONTRACT, refuse_unknown
 from shipgrid.units import Unit
 
 STAGES = ("measure", "supervise", "outer", "inner", "modulate", "network", "advance")
@@ -227,20 +229,7 @@ REGISTRY: dict[str, ComponentType] = {}
 POSITION = "position"
 """Name of the input by which the equations of a linear element depend on the position of its contacts."""
 
-KERNELS = (
-    "derivatives",
-    "outputs",
-    "update",
-    "modulate",
-    "limit",
-    "stamp",
-    "advance",
-    "isolated",
-    "stored_energy",
-    "losses",
-    "supplied",
-    "consumed",
-)
+KERNELS = tuple(CONTRACT)
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param,))
@@ -291,6 +280,8 @@ def component(
     unknown = set(kernels) - set(KERNELS)
     if unknown:
         raise TypeError(f"unknown kernels {sorted(unknown)}, expected some of {KERNELS}")
+    for name, function in kernels.items():
+        refuse_unknown(name, function, argument_names(function))
     if stage not in STAGES:
         raise TypeError(f"unknown stage {stage!r}, expected one of {STAGES}")
 

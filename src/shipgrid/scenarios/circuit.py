@@ -36,7 +36,7 @@ from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import Network
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.conclude import limiter_meaning, limiter_rows
-from shipgrid.scenarios.events import At, seconds, timeline
+from shipgrid.scenarios.events import At, between_steps, seconds, timeline
 from shipgrid.scenarios.provenance import provenance
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.session import Run, run_until
@@ -142,7 +142,7 @@ class RunnablePlan(Plan):
                 "expected fewer signals (`record`) or longer intervals (`every`)"
             )
         lines = timeline(self, events, began, until)
-        run, memory = Run(watching, work), _Memory(every > 1)
+        run, memory = Run(watching, work, between_steps(self, lines)), _Memory(every > 1)
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]
         memory.append("plant", np.array([began]), value, value, value, value)

@@ -11,9 +11,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from shipgrid.assembly.hand_over import places_to_set
+from shipgrid.assembly.hand_over import places_to_set, why_not_set
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import InputErrors, ParameterError
+
+OFF_GRID = 1e-6
+"""Share of a step by which a time may lie beside the grid of the steps: what rounding leaves of a multiple."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,23 @@ def _number(value: Any) -> float | None:
         return None
 
 
+def between_steps(plan: Plan, lines: Iterable[tuple[float, str, float]]) -> list[tuple[float, str, str]]:
+    """Events, for the log, of what falls between two steps and is given at the nearest: time [s], source, text.
+
+    Parameters
+    ----------
+    plan : Plan
+    lines : iterable of (float, str, float)
+        Of `timeline`.
+    """
+    found = []
+    for t, path, _ in lines:
+        given = round(t / plan.h) * plan.h
+        if abs(t - given) > OFF_GRID * plan.h:
+            found.append((given, path, f"asked for at {t:.9g} s, between two steps: given at {given:.9g} s"))
+    return found
+
+
 def timeline(plan: Plan, events: Iterable[At], start: float, end: float = math.inf) -> list[tuple[float, str, float]]:
     """Time, path and value of each event, in order of time.
 
@@ -113,7 +133,8 @@ def timeline(plan: Plan, events: Iterable[At], start: float, end: float = math.i
             shown = [p if isinstance(action, Set) else p.removesuffix(".close") for p in near]
             hint = f" (nearest: '{shown[0]}')" if shown else ""
             what = "nothing can be set there" if isinstance(action, Set) else "there is no contact to operate"
-            problems.append(f"{said}{what}{hint}")
+            why = why_not_set(plan, path)
+            problems.append(f"{said}{why or what + hint}")
         if not math.isfinite(value):
             problems.append(f"{said}the value is no number")
         found.append((at, path, value))

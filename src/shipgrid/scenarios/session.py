@@ -18,15 +18,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from shipgrid.analysis.divergence import culprit
-from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.energy import energy_balance, stored_energy
-from shipgrid.assembly.hand_over import places_to_set
+from shipgrid.assembly.hand_over import places_to_set, why_not_set
 from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace
 from shipgrid.errors import ParameterError, SolverError, TopologyError
 from shipgrid.names import nearest
@@ -38,6 +37,9 @@ from shipgrid.scenarios.solver_events import SolverEvents
 from shipgrid.scenarios.start import begin_at
 from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window
+
+if TYPE_CHECKING:
+    from shipgrid.analysis.equilibrium import OperatingPoint
 
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""
@@ -432,7 +434,9 @@ class Session:
     def _checked(self, path: str, value: float | bool | str) -> float:
         """The number of a command's value."""
         if path not in (self._places if self._commands is None else self._commands):
-            raise ParameterError(f"{self.plan.network.name} has no command '{path}'{nearest(path, self.commands)}")
+            why = why_not_set(self.plan, path)
+            hint = f": {why}" if why else nearest(path, self.commands)
+            raise ParameterError(f"{self.plan.network.name} has no command '{path}'{hint}")
         command = None if self._commands is None else self._commands[path]
         words = (command.words if command is not None else None) or {}
         if isinstance(value, str) and value not in words:
@@ -447,7 +451,21 @@ class Session:
 
 @dataclass(frozen=True, eq=False)
 class SessionState:
-    """A state of a session to come back to."""
+    """A state of a session to come back to: what `Session.snapshot` gives.
+
+    Attributes
+    ----------
+    plan : Plan
+        Whose it is.
+    work : Workspace
+        The plant.
+    events : list
+        What had happened.
+    due : dict
+        What commands the plant, as far as it was.
+    given : list
+        Commands of the session up to then.
+    """
 
     plan: Plan
     work: Workspace

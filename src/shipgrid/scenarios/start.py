@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from shipgrid.analysis.equilibrium import OperatingPoint
 from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.hand_over import fill_delay_lines, places_to_start, set_time, settle, taken_over
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
@@ -14,6 +13,9 @@ from shipgrid.assembly.start import settle_outputs
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.names import nearest
 from shipgrid.scenarios.case import build
+
+if TYPE_CHECKING:
+    from shipgrid.analysis.equilibrium import OperatingPoint
 
 
 def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
@@ -74,8 +76,8 @@ def begin_at(
     ParameterError
         If `begin` is given beside a start that has a time.
     """
-    if isinstance(start, OperatingPoint):
-        start = start.workspace()
+    if not isinstance(start, Workspace | Mapping | None):
+        start = start.workspace()  # an operating point
     if isinstance(start, Workspace):
         if begin is not None:
             raise ParameterError(f"begin = {begin:g} s, expected none: the start has its own time")
