@@ -61,9 +61,10 @@ if TYPE_CHECKING:
     from shipgrid.components.sources.three_phase_source import ThreePhaseSource
     from shipgrid.controllers.exciter_ac1a import Ac1a
     from shipgrid.controllers.governor_degov1 import Degov1
+    from shipgrid.equipment.ship import Ship
     from shipgrid.io.case import Case
     from shipgrid.io.scenario_file import Scenario, load_scenario
-    from shipgrid.io.ship_file import Ship, load_ship
+    from shipgrid.io.ship_file import load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
     from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
     from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg, DirectBridge

@@ -11,8 +11,9 @@ from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.automation.interlocks import PERIOD, Interlocks
+from shipgrid.equipment.ship import Ship
 from shipgrid.io.quantities import parse_quantity
-from shipgrid.io.ship_file import Ship, read_ship
+from shipgrid.io.ship_file import read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model.network import DcBus, Network
 

@@ -23,8 +23,8 @@ from shipgrid.equipment.capability import (
 from shipgrid.equipment.filter_rules import inductance_for_ripple, resonance_band, ripple_of
 from shipgrid.equipment.inverter import Inverter
 from shipgrid.equipment.rectifier import DESIGN_RULES, L_1_PRESETS, Rectifier
+from shipgrid.equipment.ship import ShipInNetwork
 from shipgrid.errors import ParameterError
-from shipgrid.io.ship_file import ShipInNetwork
 from shipgrid.model.network import Network
 from shipgrid.model.records import parameter_record
 

@@ -12,10 +12,11 @@ from shipgrid.equipment.declaration import (
     Published,
     choice,
     equipment,
+    kind_of,
     reference,
 )
 from shipgrid.errors import InputErrors, ParameterError
-from shipgrid.io.ship_file import bundled, kind_of, load_ship, read_ship
+from shipgrid.io.ship_file import bundled, load_ship, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model.component import Bounds, param
 from shipgrid.model.network import DcBus, Network

@@ -15,8 +15,8 @@ from shipgrid.components.marine.hull import Hull
 from shipgrid.components.marine.propeller import Propeller, characteristic, mismatch, stand_in
 from shipgrid.components.marine.wind_and_waves import WindAndWaves
 from shipgrid.equipment.capability import Rated, Resonance
+from shipgrid.equipment.ship import ShipInNetwork
 from shipgrid.io.report import si
-from shipgrid.io.ship_file import ShipInNetwork
 from shipgrid.model.component import STAGES, type_of
 from shipgrid.model.network import AcBus, Every, Network, Placed, Sampled
 from shipgrid.model.records import parameter_record

@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from shipgrid.equipment.declaration import EQUIPMENT, Command
+from shipgrid.equipment.declaration import EQUIPMENT, Command, default_of, fields_of_kind, is_required
 from shipgrid.errors import InputErrors
 from shipgrid.io.quantities import show_quantity
 from shipgrid.io.scenario_file import load_scenario
-from shipgrid.io.ship_file import bundled, default_of, fields_of_kind, is_required, load_ship
+from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model.component import load_all, parameters_of, unit_of
 from shipgrid.realtime.registers import registers as made_of
 from shipgrid.realtime.registers import write_registers

@@ -8,8 +8,10 @@ An equipment kind is a frozen dataclass made by `equipment`. Its fields are what
 from __future__ import annotations
 
 import dataclasses
+import typing
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeVar, dataclass_transform
 
 from shipgrid.errors import ParameterError
@@ -175,3 +177,25 @@ def as_in(cls: type, name: str) -> Any:
     """Parameter `name` of a component, declared once there, as a key of the equipment."""
     field = cls.__dataclass_fields__[name]  # type: ignore[attr-defined]
     return dataclasses.field(default=field.default, metadata=field.metadata)
+
+
+def kind_of(item: Any) -> EquipmentType:
+    """Equipment type of a plant item."""
+    return item.__equipment__
+
+
+@lru_cache(maxsize=256)
+def fields_of_kind(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Any]]:
+    """What a file may say about an item of a class: field and type by key (`from` for the field `from_`)."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return {f.name.rstrip("_"): (f, hints[f.name]) for f in dataclasses.fields(cls)}
+
+
+def is_required(field: dataclasses.Field[Any]) -> bool:
+    """Whether a field has no default."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+
+
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """Default of a field that has one."""
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()

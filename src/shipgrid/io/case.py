@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
+from shipgrid.equipment.ship import Ship
 from shipgrid.io.scenario_file import Scenario, read_case
-from shipgrid.io.ship_file import Ship, open_document
+from shipgrid.io.ship_file import open_document
 from shipgrid.scenarios.case import DEFAULT_STEP, build, step_of
 from shipgrid.scenarios.conclude import command_text
 from shipgrid.scenarios.parts import Groups, parts_wanted

@@ -6,10 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from shipgrid.equipment.ship import Ship
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.scenario_file import Scenario, read_case
-from shipgrid.io.ship_file import Ship, check_head, read_parts
+from shipgrid.io.ship_file import check_head, read_parts
 from shipgrid.io.yaml_lines import Document, Listing, Problems, Scalar, Section, read_text
 from shipgrid.names import mistake_in, shown
 from shipgrid.scenarios.outside import Outside, read_outside

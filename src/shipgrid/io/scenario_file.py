@@ -14,10 +14,11 @@ from typing import Any
 from shipgrid.analysis.requirements import FIGURES, MEASURES, PAIRS, RULES, SOFTENED, Requirement
 from shipgrid.automation.modes import MODES
 from shipgrid.automation.power_management import RULES as PLANT_RULES
-from shipgrid.equipment.declaration import Command
+from shipgrid.equipment.declaration import Command, fields_of_kind
+from shipgrid.equipment.ship import Catalogue, Ship
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.quantities import parse_quantity, show_quantity
-from shipgrid.io.ship_file import Catalogue, Ship, check_head, fields_of_kind, load_ship, open_document, read_ship
+from shipgrid.io.ship_file import check_head, load_ship, open_document, read_ship
 from shipgrid.io.timeline_file import Event, TimelineReader
 from shipgrid.io.yaml_lines import Document, Listing, Node, Place, Problems, Scalar, Section, replaced
 from shipgrid.model.component import Bounds, unit_of

@@ -12,10 +12,10 @@ from typing import Any
 from shipgrid.analysis.requirements import MEASURES, PAIRS, RULES
 from shipgrid.automation.modes import MODES
 from shipgrid.automation.power_management import RULES as PLANT_RULES
-from shipgrid.equipment.declaration import EQUIPMENT
+from shipgrid.equipment.declaration import EQUIPMENT, default_of, fields_of_kind, is_required
+from shipgrid.equipment.ship import BUSBARS
 from shipgrid.io.quantities import EXAMPLES
 from shipgrid.io.scenario_file import STATES
-from shipgrid.io.ship_file import BUSBARS, default_of, fields_of_kind, is_required
 from shipgrid.io.timeline_file import UNLIMITED, WITHOUT_A_TIME
 from shipgrid.model.component import load_all, unit_of
 from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME

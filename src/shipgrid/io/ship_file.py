@@ -7,18 +7,15 @@ anything is built, and named by file, line and path.
 from __future__ import annotations
 
 import dataclasses
-import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from shipgrid.assembly.partition import divide
-from shipgrid.automation.modes import MODES, mode_commands
-from shipgrid.components.electrical.bar_meter import BarMeter
-from shipgrid.equipment.declaration import EQUIPMENT, Command, EquipmentType, Published
+from shipgrid.equipment.declaration import EQUIPMENT, EquipmentType, default_of, fields_of_kind, is_required
+from shipgrid.equipment.ship import BUSBARS, Catalogue, DcBusbar, Ship, breakers_of, commands_of, modes_of
 from shipgrid.errors import ParameterError, ShipgridError, TopologyError
 from shipgrid.io.quantities import EXAMPLES, expectation, parse_quantity
 from shipgrid.io.yaml_lines import (
@@ -30,27 +27,12 @@ from shipgrid.io.yaml_lines import (
     Scalar,
     Section,
     read_document,
+    read_text,
     replaced,
 )
-from shipgrid.model.component import Bounds, load_all, param, unit_of
+from shipgrid.model.component import Bounds, load_all, unit_of
 from shipgrid.model.network import Network
 from shipgrid.names import ITEM_EXPECTED, ITEM_NAME, PART_NAME, nearest, refusal, shown
-from shipgrid.units import Farad, Hertz, Ohm, Volt
-
-BUILD_ORDER = (
-    "genset",
-    "rectifier",
-    "bess",
-    "propulsion",
-    "hull",
-    "inverter",
-    "ac_load",
-    "ac_motor",
-    "dc_breaker",
-    "ac_breaker",
-    "shore_connection",
-)
-"""Kinds in the order in which items are built; kinds not named here follow, in the order of the file."""
 
 FEEDS = {
     "rectifier": (None, "bus"),
@@ -67,228 +49,6 @@ BOTH_WAYS = ("dc_breaker", "ac_breaker")
 
 NEED_HULL = ("propulsion",)
 """Kinds that push a hull."""
-
-
-busbar = dataclass(frozen=True, kw_only=True)
-
-
-@busbar
-class DcBusbar:
-    """A DC bus of the ship; `bleeder` keeps it defined when nothing is connected."""
-
-    v_n: Volt = param("nominal voltage, pole to pole", above=0.0)
-    bleeder: Ohm = param("bleeder resistance, pole to pole", default=5e3, above=0.0, source="docs/theory/network.md")
-    capacitance: Farad = param("capacitance besides that of the equipment", default=0.0, at_least=0.0)
-
-    signals: typing.ClassVar = (Published("v_dc", "V", "main bus voltage"),)
-
-
-@busbar
-class AcBusbar:
-    """A three-wire AC bus of the ship."""
-
-    v_n: Volt = param("nominal voltage, line to line, rms", above=0.0)
-    f_n: Hertz = param("nominal frequency", above=0.0)
-
-    signals: typing.ClassVar = (
-        Published("v_pu", "1", "bus voltage over nominal"),
-        Published("v_rms_pu", "1", "bus voltage over nominal, as a meter of one cycle's rms shows it"),
-        Published("f", "Hz", "bus frequency"),
-    )
-
-
-BUSBARS: dict[str, type] = {"dc": DcBusbar, "ac": AcBusbar}
-
-
-@dataclass(frozen=True)
-class Catalogue:
-    """Commands and public signals of a ship, by path: what a scenario can say about it.
-
-    It exists for a ship with mistakes in it, too, so that the mistakes of a scenario are found in the same go;
-    `unreadable` are then the items and buses whose kind is not known, and there is no `equipment`. `modes` are the
-    operating modes, each with its commands as a scenario file would say them.
-    """
-
-    commands: Mapping[str, Command]
-    signals: Mapping[str, Published]
-    breakers: tuple[str, ...]
-    unreadable: frozenset[str] = frozenset()
-    modes: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
-    equipment: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    def items(self, kind: str) -> dict[str, Any]:
-        """All items of a kind, by name."""
-        return {name: item for name, item in self.equipment.items() if kind_of(item).kind == kind}
-
-
-@dataclass(frozen=True)
-class Ship:
-    """Equipment on buses, as a ship file says it.
-
-    Attributes
-    ----------
-    name : str
-        Name of the ship.
-    buses : mapping of str to DcBusbar or AcBusbar
-        Buses by name.
-    equipment : mapping of str to object
-        Plant items by name, each an instance of its kind's class; the hull is not among them.
-    hull : object or None
-        The hull, of the kind `hull`.
-    document : Document
-        The file it was read from, with the changes made since.
-    parts : mapping of str to tuple of str
-        Buses by the name of a part, for a plant that is cut; empty if the file does not say.
-    """
-
-    name: str
-    buses: Mapping[str, Any]
-    equipment: Mapping[str, Any]
-    hull: Any
-    document: Document
-    parts: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-
-    @property
-    def text(self) -> str:
-        """The file it was read from, changes included."""
-        return self.document.text()
-
-    def item(self, name: str) -> Any:
-        """The plant item of that name.
-
-        Raises
-        ------
-        ParameterError
-            If there is none.
-        """
-        if name not in self.equipment:
-            raise ParameterError(f"{self.name} has no item '{name}'{nearest(name, self.equipment)}")
-        return self.equipment[name]
-
-    def items(self, kind: str) -> dict[str, Any]:
-        """All items of a kind, by name."""
-        return {name: item for name, item in self.equipment.items() if kind_of(item).kind == kind}
-
-    def replace(self, path: str, value: str) -> Ship:
-        """A variant with one value changed: `ship.replace("equipment.bess_for.capacity", "160 Ah")`.
-
-        Parameters
-        ----------
-        path : str
-            Path in the ship file.
-        value : str
-            As it would stand in the file.
-
-        Raises
-        ------
-        InputErrors
-            If the variant is not a valid ship.
-        """
-        return read_ship(replaced(self.document, path, str(value), f"replace {path}")).checked()
-
-    @cached_property
-    def catalogue(self) -> Catalogue:
-        """Commands and public signals, by path."""
-        network = Network(self.name)
-        self.build(network)
-        signals = {n: Published(n, s.unit, s.description, s.group) for n, s in network.published.items()}
-        kinds = {name: kind_of(item) for name, item in self.equipment.items()}
-        return Catalogue(self.commands, signals, _breakers(kinds), modes=_modes(kinds), equipment=self.equipment)
-
-    @cached_property
-    def commands(self) -> Mapping[str, Command]:
-        """Commands by path, `bess_for.i_ref`."""
-        return _commands({name: kind_of(item) for name, item in [*self.equipment.items(), *self._hull]})
-
-    @property
-    def signals(self) -> Mapping[str, Published]:
-        """Public signals by path, `bess_for.soc`: what the built network publishes."""
-        return self.catalogue.signals
-
-    def build(self, network: Any, start: Mapping[str, float] | None = None) -> None:
-        """Build buses and items into a `Network`, sources first (`BUILD_ORDER`).
-
-        Parameters
-        ----------
-        network : Network
-            An empty one.
-        start : mapping of str to float, optional
-            Values of commands at the start, by path (`Scenario.start.commands`); their defaults where left out.
-        """
-        for path, command in self.commands.items():
-            network.command(path, (start or {}).get(path, command.default))
-        for name, bar in self.buses.items():
-            if isinstance(bar, DcBusbar):
-                bus = network.dc_bus(name, bar.v_n)
-                network.conductance(bus, 1.0 / bar.bleeder)
-                if bar.capacitance > 0.0:
-                    network.capacitance(bus, bar.capacitance)
-                (signal,) = bar.signals
-                network.publish(f"{name}.v_dc", source=f"{name}.v_dc", unit=signal.unit, description=signal.description)
-            else:
-                network.ac_bus(name, bar.v_n, bar.f_n)
-                network.add(
-                    f"{name}.meter",
-                    BarMeter(v_n=bar.v_n, f_n=bar.f_n),
-                    inputs={"v_alpha": f"{name}.v_alpha", "v_beta": f"{name}.v_beta"},
-                )
-                v_alpha, v_beta = (f"{name}.v_{axis}" for axis in ("alpha", "beta"))
-                text = "voltage of the bar to the star point"
-                network.publish_phases(f"{name}.v", alpha=v_alpha, beta=v_beta, unit="V", description=text)
-                for signal in bar.signals:
-                    network.publish(
-                        f"{name}.{signal.name}",
-                        source=f"{name}.meter.{signal.name}",
-                        unit=signal.unit,
-                        description=signal.description,
-                    )
-        view = ShipInNetwork(self, network)
-        for name, item in self._in_build_order():
-            item.build(network, name, view)
-
-    @property
-    def _hull(self) -> list[tuple[str, Any]]:
-        return [] if self.hull is None else [("hull", self.hull)]
-
-    def _in_build_order(self) -> list[tuple[str, Any]]:
-        rank = {kind: k for k, kind in enumerate(BUILD_ORDER)}
-        everything = [*self.equipment.items(), *self._hull]
-        return sorted(everything, key=lambda named: rank.get(kind_of(named[1]).kind, len(rank)))
-
-
-@dataclass(frozen=True)
-class ShipInNetwork:
-    """What an item sees of its ship while it is built: the other items, and the buses in the network."""
-
-    ship: Ship
-    network: Any
-
-    def bus(self, name: str) -> Any:
-        """The bus of that name, in the network."""
-        return self.network.bus(name)
-
-    def item(self, name: str) -> Any:
-        """The plant item of that name."""
-        return self.ship.item(name)
-
-    def items(self, kind: str) -> dict[str, Any]:
-        """All items of a kind, by name."""
-        return self.ship.items(kind)
-
-    @property
-    def equipment(self) -> Mapping[str, Any]:
-        """All plant items, by name; the hull is not among them."""
-        return self.ship.equipment
-
-    @property
-    def hull(self) -> Any:
-        """The hull."""
-        return self.ship.hull
-
-    @property
-    def name(self) -> str:
-        """Name of the ship."""
-        return self.ship.name
 
 
 @dataclass(frozen=True)
@@ -351,9 +111,12 @@ def open_document(what: str, name_or_path: str | Path) -> Document:
     return Document(Section({}, {}, Place(text)), text, problems)
 
 
-def kind_of(item: Any) -> EquipmentType:
-    """Equipment type of a plant item."""
-    return item.__equipment__
+def _ship_of(source: str | Document) -> Ship:
+    """The ship of a document, or of a text."""
+    return read_ship(read_text(source, "ship made in Python") if isinstance(source, str) else source).checked()
+
+
+Ship.reader = _ship_of
 
 
 def read_ship(document: Document, overrides: Iterable[tuple[str, str]] = ()) -> ShipReading:
@@ -362,23 +125,6 @@ def read_ship(document: Document, overrides: Iterable[tuple[str, str]] = ()) -> 
     for path, value in overrides:
         document = replaced(document, path, value, f"--set {path}={value}")
     return _ShipReader(document).read()
-
-
-@lru_cache(maxsize=256)
-def fields_of_kind(cls: type) -> dict[str, tuple[dataclasses.Field[Any], Any]]:
-    """What a file may say about an item of a class: field and type by key (`from` for the field `from_`)."""
-    hints = typing.get_type_hints(cls, include_extras=True)
-    return {f.name.rstrip("_"): (f, hints[f.name]) for f in dataclasses.fields(cls)}
-
-
-def is_required(field: dataclasses.Field[Any]) -> bool:
-    """Whether a field has no default."""
-    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-
-
-def default_of(field: dataclasses.Field[Any]) -> Any:
-    """Default of a field that has one."""
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 @dataclass(frozen=True)
@@ -424,7 +170,7 @@ class _ShipReader:
             self.check_gensets(root)
         ship = None
         if not self.problems:
-            ship = Ship(name, dict(self.buses), dict(self.items), hull, self.document, parts)
+            ship = Ship(name, dict(self.buses), dict(self.items), hull, parts, self.document)
             try:
                 catalogue = ship.catalogue
                 if parts:
@@ -440,7 +186,7 @@ class _ShipReader:
         named = {**self.kinds, **({"hull": EQUIPMENT["hull"]} if "hull" in self.document.root else {})}
         signals |= {f"{name}.{s.name}": s for name, kind in named.items() for s in kind.signals}
         unreadable = frozenset(self.places) - set(self.kinds) - set(self.bus_kinds)
-        return Catalogue(_commands(named), signals, _breakers(self.kinds), unreadable, _modes(self.kinds))
+        return Catalogue(commands_of(named), signals, breakers_of(self.kinds), unreadable, modes_of(self.kinds))
 
     def head(self, root: Section) -> None:
         check_head(root, self.problems, ("schema", "ship", "description", "buses", "equipment", "hull", "parts"))
@@ -811,19 +557,6 @@ def read_parts(root: Section, problems: Problems) -> dict[str, tuple[str, ...]]:
                 part_of[bus.text] = name
         found[name] = tuple(bus for bus, part in part_of.items() if part == name)
     return found if len(problems) == before else {}
-
-
-def _commands(kinds: Mapping[str, EquipmentType]) -> dict[str, Command]:
-    return {f"{name}.{command.name}": command for name, kind in kinds.items() for command in kind.commands}
-
-
-def _breakers(kinds: Mapping[str, EquipmentType]) -> tuple[str, ...]:
-    return tuple(name for name, kind in kinds.items() if any(command.name == "close" for command in kind.commands))
-
-
-def _modes(kinds: Mapping[str, EquipmentType]) -> dict[str, dict[str, str]]:
-    words = {name: kind.kind for name, kind in kinds.items()}
-    return {mode: mode_commands(mode, _commands(kinds), words) for mode in MODES}
 
 
 def _with_defaults(

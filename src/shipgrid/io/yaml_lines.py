@@ -122,6 +122,10 @@ class Document:
     problems: Problems
     source: str | None = None
 
+    def replaced(self, path: str, text: str, shown_as: str) -> Document:
+        """A variant with one entry changed or added, see the function `replaced`."""
+        return replaced(self, path, text, shown_as)
+
     def plain(self) -> dict[str, Any]:
         """The content as dictionaries, lists and texts."""
         return _plain(self.root)
