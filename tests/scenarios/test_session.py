@@ -78,17 +78,16 @@ def test_pieces_do_not_matter(moored, cuts):
     assert np.array_equal(whole[0], pieces[0]) and np.array_equal(whole[1], pieces[1])
 
 
-def test_commands_of_a_session_do_what_those_of_a_time_line_do(ferry, tmp_path):
+def test_commands_of_a_session_do_what_those_of_a_time_line_do(ferry):
     mine = told(ferry, [], 3.0)
-    entries = [{"at": f"{t} s", "set": {path: value}} for t, path, value in STORY]
-    text = "schema: 1\nscenario: story\nduration: 10 s\nstart: {state: moored, closed: [dc_tie]}\ntimeline:\n"
-    for entry in entries:
-        (path, value), at = next(iter(entry["set"].items())), entry["at"]
-        shown = f"{value} m/s" if path.endswith("speed_ref") else str(value).lower()
-        text += f"  - {{at: {at}, set: {{{path}: {shown}}}}}\n"
-    path = tmp_path / "story.yaml"
-    path.write_text(text)
-    story = sg.Case("ferry", path, step=STEP)
+    shown = {path: f"{value} m/s" if path.endswith("speed_ref") else value for _, path, value in STORY}
+    scenario = {
+        "scenario": "story",
+        "duration": "10 s",
+        "start": {"state": "moored", "closed": ["dc_tie"]},
+        "timeline": [{"at": f"{t} s", "set": {path: shown[path]}} for t, path, _ in STORY],
+    }
+    story = sg.Case("ferry", scenario, step=STEP)
     plan = story.plan()
     run = Run(plan, story.start(plan)[0], ship=story.ship)
     run_until(run, story.timeline(run), 3.0)

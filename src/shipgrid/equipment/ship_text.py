@@ -46,6 +46,17 @@ def ship_text(
     return "\n".join([*lines, ""])
 
 
+def mapping_text(entries: Mapping[str, Any]) -> str:
+    """Text of a file with these keys at its top.
+
+    Parameters
+    ----------
+    entries : mapping of str to object
+        Texts, numbers, true and false, lists and mappings of such.
+    """
+    return "\n".join([*(f"{_word(key)}: {_text(value)}" for key, value in entries.items()), ""])
+
+
 def _entry(entry: Any, *, kind: bool = True) -> str:
     """A bus, an item or a hull in braces."""
     if isinstance(entry, Mapping):

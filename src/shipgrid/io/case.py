@@ -31,9 +31,9 @@ class Case:
 
     Parameters
     ----------
-    ship : Ship, str or Path
-        A ship, the name of a bundled one, or a file by path.
-    scenario : Scenario, str or Path
+    ship : Ship, str, Path or mapping
+        A ship, the name of a bundled one, a file by path, or a mapping that says what a file would.
+    scenario : Scenario, str, Path or mapping
         Likewise.
     fidelity : {"averaged", "switching"}
         Detail of the converters.
@@ -61,8 +61,8 @@ class Case:
 
     def __init__(
         self,
-        ship: Ship | str | Path = "ferry",
-        scenario: Scenario | str | Path = "mission",
+        ship: Ship | str | Path | Mapping[str, Any] = "ferry",
+        scenario: Scenario | str | Path | Mapping[str, Any] = "mission",
         fidelity: str = "averaged",
         step: float | None = None,
         overrides: Mapping[str, str] | None = None,

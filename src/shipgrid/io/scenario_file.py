@@ -148,14 +148,17 @@ class ScenarioReading:
 
 
 def load_scenario(
-    name_or_path: str | Path = "mission", ship: Ship | None = None, overrides: Iterable[tuple[str, str]] = ()
+    name_or_path: str | Path | Mapping[str, Any] = "mission",
+    ship: Ship | None = None,
+    overrides: Iterable[tuple[str, str]] = (),
 ) -> Scenario:
     """Read a scenario, a bundled one by name or a file by path, for a ship (the ferry if left out).
 
     Parameters
     ----------
-    name_or_path : str or Path
-        Name of a bundled scenario, or a path that ends in `.yaml` or `.yml`.
+    name_or_path : str, Path or mapping
+        Name of a bundled scenario, or a path that ends in `.yaml` or `.yml`; or a mapping that says what a file would:
+        `{"scenario": "short", "duration": "60 s", "timeline": [{"at": "5 s", "set": {"dc_tie.close": False}}]}`.
     ship : Ship, optional
         The ship it is checked against.
     overrides : iterable of (path, value)

@@ -16,6 +16,7 @@ from typing import Any
 from shipgrid.assembly.partition import divide
 from shipgrid.equipment.declaration import EQUIPMENT, EquipmentType, default_of, fields_of_kind, is_required
 from shipgrid.equipment.ship import BUSBARS, Catalogue, DcBusbar, Ship, breakers_of, commands_of, modes_of
+from shipgrid.equipment.ship_text import mapping_text
 from shipgrid.errors import ParameterError, ShipgridError, TopologyError
 from shipgrid.io.quantities import EXAMPLES, expectation, parse_quantity
 from shipgrid.io.yaml_lines import (
@@ -72,13 +73,15 @@ class ShipReading:
         return self.ship
 
 
-def load_ship(name_or_path: str | Path = "ferry", overrides: Iterable[tuple[str, str]] = ()) -> Ship:
+def load_ship(
+    name_or_path: str | Path | Mapping[str, Any] = "ferry", overrides: Iterable[tuple[str, str]] = ()
+) -> Ship:
     """Read a ship, a bundled one by name or a file by path.
 
     Parameters
     ----------
-    name_or_path : str or Path
-        Name of a bundled ship, or a path that ends in `.yaml` or `.yml`.
+    name_or_path : str, Path or mapping
+        Name of a bundled ship, or a path that ends in `.yaml` or `.yml`; or a mapping that says what a file would.
     overrides : iterable of (path, value)
         Entries to change before it is checked, as `--set` does.
 
@@ -97,9 +100,18 @@ def bundled(what: str) -> dict[str, Path]:
     return {path.stem: path for path in sorted(root.glob("*.yaml"))}
 
 
-def open_document(what: str, name_or_path: str | Path) -> Document:
-    """Read a bundled file by name or any file by path; a wrong name is among its problems."""
-    text = str(name_or_path)
+def open_document(what: str, source: str | Path | Mapping[str, Any]) -> Document:
+    """Read a bundled file by name, any file by path, or what a file would say; a wrong name is among its problems.
+
+    Parameters
+    ----------
+    what : {"ship", "scenario"}
+    source : str, Path or mapping
+        A mapping has the keys of a file and its texts: `{"scenario": "short", "duration": "60 s"}`.
+    """
+    if isinstance(source, Mapping):
+        return read_text(mapping_text({"schema": 1, **source}), f"{what} made in Python")
+    text, name_or_path = str(source), source
     if isinstance(name_or_path, Path) or "/" in text or "\\" in text or text.endswith((".yaml", ".yml")):
         return read_document(text)
     known = bundled(what)
