@@ -132,6 +132,9 @@ class Ship:
     reader: typing.ClassVar[Callable[[str], Ship]]
     """Reads the text of a ship file; `io/ship_file.py` gives it."""
 
+    drawer: typing.ClassVar[Callable[[Ship], str]]
+    """Draws the one-line diagram, in HTML; `io/ship_file.py` gives it."""
+
     def __post_init__(self) -> None:
         if self.document is None:
             read = Ship.reader(ship_text(self.name, self.buses, self.equipment, self.hull, self.parts))
@@ -141,6 +144,9 @@ class Ship:
     def __repr__(self) -> str:
         items, buses = len(self.equipment), len(self.buses)
         return f"<Ship {self.name}: {items} item{'s'[: items != 1]}, {buses} bus{'es'[: 2 * (buses != 1)]}>"
+
+    def _repr_html_(self) -> str:
+        return Ship.drawer(self)
 
     @property
     def text(self) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
+from importlib.resources import files
 from typing import Any
 
 SLOT = 150
@@ -59,6 +60,14 @@ class Stack:
     width: int = 1
     bar: str | None = None
     loads: list[str] = field(default_factory=list)
+
+
+def style_by_itself() -> str:
+    """Rules for a drawing outside of a report: those of its style sheet, in the colours of the page it is on."""
+    sheet = files("shipgrid.io").joinpath("static/report.css").read_text()
+    rules = [line for line in sheet.splitlines() if line.startswith(".one-line")]
+    colours = "--paper: transparent; --ink: currentColor; --quiet: gray; --c0: #0072b2; --c1: #d55e00"
+    return "\n".join([f".one-line {{ {colours} }}", *rules])
 
 
 def one_line(ship: Mapping[str, Any]) -> str:

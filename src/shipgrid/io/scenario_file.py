@@ -84,6 +84,9 @@ class Scenario:
     rules: tuple[Any, ...]
     document: Document
 
+    def __repr__(self) -> str:
+        return f"<Scenario {self.name}: {self.duration:g} s, {len(self.requirements)} requirements>"
+
     @property
     def text(self) -> str:
         """The file it was read from, changes included."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -128,7 +129,15 @@ def _ship_of(source: str | Document) -> Ship:
     return read_ship(read_text(source, "ship made in Python") if isinstance(source, str) else source).checked()
 
 
-Ship.reader = _ship_of
+def _drawing_of(ship: Ship) -> str:
+    """The one-line diagram with its style, to stand by itself."""
+    from shipgrid.io.one_line import one_line, style_by_itself
+
+    title = escape(repr(ship)[1:-1])
+    return f"<figure><style>{style_by_itself()}</style>{one_line(ship.document.plain())}<p>{title}</p></figure>"
+
+
+Ship.reader, Ship.drawer = _ship_of, _drawing_of
 
 
 def read_ship(document: Document, overrides: Iterable[tuple[str, str]] = ()) -> ShipReading:

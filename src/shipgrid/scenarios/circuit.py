@@ -15,6 +15,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,13 +31,16 @@ from shipgrid.assembly.hand_over import (
     same_plant,
 )
 from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.equipment.ship import Ship
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
-from shipgrid.model.network import Network
+from shipgrid.model.network import FIDELITIES, Network
 from shipgrid.scenarios import snapshot
+from shipgrid.scenarios.case import DEFAULT_STEP, build
 from shipgrid.scenarios.conclude import limiter_meaning, limiter_rows
 from shipgrid.scenarios.events import At, between_steps, seconds, timeline
+from shipgrid.scenarios.notebook import ledgers, table
 from shipgrid.scenarios.provenance import provenance
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.session import Run, run_until
@@ -73,7 +77,35 @@ def assemble(network: Network, step: float = 30e-6) -> RunnablePlan:
     ParameterError
         If the step is too long for a sampled controller.
     """
-    made = assembly.assemble(network, step)
+    return _runnable(assembly.assemble(network, step))
+
+
+def plan(ship: Ship, step: float = DEFAULT_STEP, fidelity: str = "averaged") -> RunnablePlan:
+    """Plan of a ship, for operating points, eigenvalues and runs of one's own; a scenario needs none.
+
+    Parameters
+    ----------
+    ship : Ship
+    step : float
+        Step length [s].
+    fidelity : {"averaged", "switching"}
+        Detail of the converters.
+
+    Returns
+    -------
+    RunnablePlan
+
+    Raises
+    ------
+    ParameterError
+        If there is no such fidelity, or the step is too long for a sampled controller.
+    """
+    if fidelity not in FIDELITIES:
+        raise ParameterError(f"there is no fidelity '{fidelity}', expected one of {', '.join(FIDELITIES)}")
+    return _runnable(build(ship, step, fidelity))
+
+
+def _runnable(made: Plan) -> RunnablePlan:
     return RunnablePlan(**{f.name: getattr(made, f.name) for f in dataclasses.fields(Plan)})
 
 
@@ -288,6 +320,15 @@ class CircuitRun:
 
     def __repr__(self) -> str:
         return f"<CircuitRun of {self._plan.network.name}: {len(self._names)} signals to {self._time[-1]:g} s>"
+
+    def _repr_html_(self) -> str:
+        rows = [(event.time, event.source, event.text) for event in self.events]
+        events = table("what happened", ("time [s]", "source", "event"), rows)
+        energy = ledgers(f"energy, balance {self.energy_balance_error:.1e}", self.energy)
+        return f"<p>{escape(repr(self)[1:-1])}</p>{events if rows else ''}{energy}"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return self.signals
 
     @property
     def signals(self) -> list[str]:

@@ -26,6 +26,7 @@ import numpy as np
 from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.scenarios.conditions import Outcome
+from shipgrid.scenarios.notebook import verdicts
 from shipgrid.scenarios.output_folder import REPORT, RESULTS, SNAPSHOT, SUMMARY, UNFINISHED, place_of
 
 if TYPE_CHECKING:
@@ -189,6 +190,12 @@ class Results:
         elif self.summary.get("interrupted"):
             words.append(f"interrupted at {self.summary['simulated_s']:g} s")
         return f"<Results {self.name!r}: {', '.join(words)}>"
+
+    def _repr_html_(self) -> str:
+        return verdicts(repr(self)[1:-1], self.requirements)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return self.signals
 
     @property
     def name(self) -> str:

@@ -1,0 +1,44 @@
+"""What notebooks show: one short line for every object, tables and a drawing where there is more to see."""
+
+from __future__ import annotations
+
+import pytest
+
+import shipgrid as sg
+from shipgrid.scenarios.notebook import MOST_ROWS, ledgers, table
+
+
+@pytest.fixture(scope="module")
+def run():
+    net = sg.Network("bench <b>")
+    dc = net.dc_bus("dc", v_n=100.0)
+    net.capacitance(dc, 1e-3)
+    net.add("source", sg.DcSource(v_0=100.0, R=1.0), a=dc)
+    net.add("load", sg.Resistor(R=10.0), a=dc, contact="open")
+    return sg.assemble(net, step=100e-6).run({"dc.v_dc": 100.0}, events=[sg.At(0.01, sg.Close("load"))], until=0.02)
+
+
+def test_a_ship_is_its_one_line_diagram():
+    shown = sg.load_ship("ferry")._repr_html_()
+    assert shown.count("<svg") == 1 and "propulsion_for" in shown and "var(--" not in shown.split("</style>")[0][:50]
+    assert "--ink: currentColor" in shown  # on a dark page too
+
+
+def test_a_run_is_what_happened_and_where_the_energy_went(run):
+    shown = run._repr_html_()
+    assert "closed" in shown and "load.close" in shown and "sources" in shown
+    assert "bench &lt;b&gt;" in shown and "<b>" not in shown
+    assert run._ipython_key_completions_() == run.signals
+
+
+def test_a_long_table_says_how_much_it_leaves_out():
+    shown = table("many", ("n",), [[k] for k in range(MOST_ROWS + 3)])
+    assert "and 3 more" in shown and shown.count("<tr>") == MOST_ROWS + 2
+    assert ledgers("none", {"losses": {"a": 0.0}}).count("<td>") == 0
+
+
+def test_public_objects_are_one_short_line(run):
+    ship = sg.load_ship("ferry")
+    for thing in (ship, sg.load_scenario("mission"), sg.Case(), run):
+        shown = repr(thing)
+        assert len(shown) < 120 and "\n" not in shown and shown.startswith("<")
