@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from shipgrid.modulators.hysteresis import HysteresisBridge
     from shipgrid.modulators.open_loop import SineModulation
     from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
-    from shipgrid.scenarios.circuit import CircuitRun, RunnablePlan, assemble, plan
+    from shipgrid.scenarios.circuit import CircuitRun, assemble, plan
     from shipgrid.scenarios.events import At, Close, Open, Set
     from shipgrid.scenarios.results import Results, open_results
     from shipgrid.scenarios.session import Session, SessionState
@@ -123,7 +123,6 @@ __all__ = [
     "Results",
     "RlBranch",
     "RlcBranch",
-    "RunnablePlan",
     "Sampled",
     "SaturableCore",
     "SaturableTransformer",
@@ -205,7 +204,7 @@ _HOMES = {
     "shipgrid.modulators.hysteresis": ("HysteresisBridge",),
     "shipgrid.modulators.open_loop": ("SineModulation",),
     "shipgrid.modulators.time_stamped": ("Carrier", "TimeStampedBridge", "TimeStampedLeg"),
-    "shipgrid.scenarios.circuit": ("CircuitRun", "RunnablePlan", "assemble", "plan"),
+    "shipgrid.scenarios.circuit": ("CircuitRun", "assemble", "plan"),
     "shipgrid.scenarios.events": ("At", "Close", "Open", "Set"),
     "shipgrid.scenarios.results": ("Results", "open_results"),
     "shipgrid.scenarios.session": ("Session", "SessionState"),

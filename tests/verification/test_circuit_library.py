@@ -143,7 +143,7 @@ def test_the_page_on_circuits_runs():
     scope = {}
     for block in blocks:
         exec(block, scope)
-    assert [e.text for e in scope["run"].events] == ["closed", "set to 0.8"]
+    assert [e.text for e in scope["run"].events] == ["closed, asked for at 0.05 s", "set to 0.8"]
     assert scope["more"]["dc.v_dc"]["time"].values[[0, -1]] == pytest.approx([0.25, 0.3], abs=30e-6)
     table = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
     assert all(hasattr(sg, name) for row in table for name in re.findall(r"`(\w+)`", row))

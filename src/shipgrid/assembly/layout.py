@@ -7,7 +7,6 @@ part has a stretch of it; what it reads of others, and its ends of stub lines, c
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +17,7 @@ from shipgrid.errors import TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
 from shipgrid.model.network import Network, Placed
 from shipgrid.model.records import initial_of, names_of, parameter_values, size_of
+from shipgrid.names import nearest
 
 ZERO, ONE = 0, 1
 GAP = 16
@@ -85,9 +85,7 @@ class Layout:
         """
         if path in self.index:
             return self.index[path]
-        near = difflib.get_close_matches(path, self.index, n=1)
-        hint = f" (nearest: '{near[0]}')" if near else ""
-        raise TopologyError(f"{asker} reads '{path}', which does not exist{hint}")
+        raise TopologyError(f"{asker} reads '{path}', which does not exist{nearest(path, self.index)}")
 
 
 def lay_out(network: Network, before: Layout | None = None, kinds: Iterable[ComponentType] = ()) -> Layout:

@@ -10,7 +10,6 @@ Everything stays in memory, in double precision, every step unless asked otherwi
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,10 +35,11 @@ from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyEr
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import FIDELITIES, Network
+from shipgrid.names import nearest
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.case import DEFAULT_STEP, build
 from shipgrid.scenarios.conclude import limiter_meaning, limiter_rows
-from shipgrid.scenarios.events import At, between_steps, seconds, timeline
+from shipgrid.scenarios.events import At, seconds, timeline, with_times_asked_for
 from shipgrid.scenarios.notebook import ledgers, table
 from shipgrid.scenarios.provenance import provenance
 from shipgrid.scenarios.results import Event, Limiter, bibliography
@@ -174,13 +174,14 @@ class RunnablePlan(Plan):
                 "expected fewer signals (`record`) or longer intervals (`every`)"
             )
         lines = timeline(self, events, began, until)
-        run, memory = Run(watching, work, between_steps(self, lines)), _Memory(every > 1)
+        run, memory = Run(watching, work), _Memory(every > 1)
         before, first = stored_energy(watching, work), powers(watching, work)
         value = work.sig[watching.step.recorded][None, :]
         memory.append("plant", np.array([began]), value, value, value, value)
         run_until(run, Timeline(watching, work, run.events, lines, _said, places_to_set(self)), until, memory)
         # of signal components each step was counted with the power at its end: half of the difference too much
         work.step.energy[:] += 0.5 * self.h * (first - powers(watching, work))
+        run.events[:] = with_times_asked_for(self, lines, run.events)
         result = CircuitRun(self, run, memory, list(sources), before)
         if run.failure:
             error = SolverError(run.failure)
@@ -250,8 +251,8 @@ class RunnablePlan(Plan):
         wrong = []
         for name in record:
             if name not in public and name not in self.layout.index:
-                near = difflib.get_close_matches(name, [*public, *self.layout.unit], n=1)
-                wrong.append(f"record: there is no signal '{name}'" + (f" (nearest: '{near[0]}')" if near else ""))
+                hint = nearest(name, [*public, *self.layout.unit])
+                wrong.append(f"record: there is no signal '{name}'{hint}")
         if wrong:
             raise InputErrors(wrong)
         return {name: public.get(name, name) for name in record}
@@ -345,8 +346,7 @@ class CircuitRun:
             if signal not in self._names and signal.endswith(ending) and len(self._layers) == 3:
                 layer, name = k, signal.removesuffix(ending)
         if name not in self._names:
-            near = difflib.get_close_matches(signal, self._names, n=1)
-            raise ParameterError(f"no signal {signal!r} was recorded" + (f" (nearest: '{near[0]}')" if near else ""))
+            raise ParameterError(f"no signal {signal!r} was recorded{nearest(signal, self._names)}")
         return self._array(signal, self._layers[layer][:, self._names.index(name)], *self._meaning(name))
 
     def phases(self, stem: str) -> xarray.DataArray:

@@ -5,7 +5,6 @@ events=[At(0.1, Close("breaker")), At(0.2, Set("grid.v_pu", 0.9))]
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 from shipgrid.assembly.hand_over import places_to_set, why_not_set
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.names import nearest
 
 OFF_GRID = 1e-6
 """Share of a step by which a time may lie beside the grid of the steps: what rounding leaves of a multiple."""
@@ -78,20 +78,25 @@ def _number(value: Any) -> float | None:
         return None
 
 
-def between_steps(plan: Plan, lines: Iterable[tuple[float, str, float]]) -> list[tuple[float, str, str]]:
-    """Events, for the log, of what falls between two steps and is given at the nearest: time [s], source, text.
+def with_times_asked_for(
+    plan: Plan, lines: Iterable[tuple[float, str, float]], events: Iterable[tuple[float, str, str]]
+) -> list[tuple[float, str, str]]:
+    """Events of a log, those that were asked for between two steps with the time at which they were.
 
     Parameters
     ----------
     plan : Plan
     lines : iterable of (float, str, float)
-        Of `timeline`.
+        Of `timeline`: time [s], path, value.
+    events : iterable of (float, str, str)
+        Time [s], source, text.
     """
+    steps = {(round(t / plan.h), path): t for t, path, _ in lines}
     found = []
-    for t, path, _ in lines:
-        given = round(t / plan.h) * plan.h
-        if abs(t - given) > OFF_GRID * plan.h:
-            found.append((given, path, f"asked for at {t:.9g} s, between two steps: given at {given:.9g} s"))
+    for t, who, what in events:
+        asked = steps.get((round(t / plan.h), who), t)
+        between = abs(asked - round(asked / plan.h) * plan.h) > OFF_GRID * plan.h
+        found.append((t, who, f"{what}, asked for at {asked:.9g} s" if between else what))
     return found
 
 
@@ -129,9 +134,8 @@ def timeline(plan: Plan, events: Iterable[At], start: float, end: float = math.i
             problems.append(f"{said}is after the end, expected at most {end:g} s (until)")
         if path not in known:
             wanted = [p for p in known if p.endswith(".close")] if not isinstance(action, Set) else list(known)
-            near = difflib.get_close_matches(path, wanted, n=1)
-            shown = [p if isinstance(action, Set) else p.removesuffix(".close") for p in near]
-            hint = f" (nearest: '{shown[0]}')" if shown else ""
+            shown = [p if isinstance(action, Set) else p.removesuffix(".close") for p in wanted]
+            hint = nearest(path if isinstance(action, Set) else action.path, shown)
             what = "nothing can be set there" if isinstance(action, Set) else "there is no contact to operate"
             why = why_not_set(plan, path)
             problems.append(f"{said}{why or what + hint}")

@@ -25,6 +25,7 @@ import numpy as np
 
 from shipgrid.analysis.requirements import Series, Verdict
 from shipgrid.errors import InputErrors, ParameterError
+from shipgrid.names import nearest
 from shipgrid.scenarios.conditions import Outcome
 from shipgrid.scenarios.notebook import verdicts
 from shipgrid.scenarios.output_folder import REPORT, RESULTS, SNAPSHOT, SUMMARY, UNFINISHED, place_of
@@ -248,7 +249,7 @@ class Results:
             parts = [self.group(window)[signal] for window in self._windows[signal]]
             return parts[0] if len(parts) == 1 else xarray.concat(parts, "time", combine_attrs="override")
         if where is None:
-            raise ParameterError(f"no signal {signal!r} in {self.folder}{_nearest(signal, self.signals)}")
+            raise ParameterError(f"no signal {signal!r} in {self.folder}{nearest(signal, self.signals)}")
         return self.group(where)[signal]
 
     def __contains__(self, signal: str) -> bool:
@@ -471,10 +472,3 @@ def _covers(window: Any, within: tuple[float, float]) -> bool:
         return False
     step = float(time[1] - time[0])
     return bool(time[0] - step < within[0] and within[1] < time[-1] + step)
-
-
-def _nearest(name: str, known: list[str]) -> str:
-    import difflib
-
-    close = difflib.get_close_matches(name, known, 1)
-    return f" (nearest: {close[0]!r})" if close else ""
