@@ -15,7 +15,7 @@ from pathlib import Path
 
 import shipgrid as sg
 from shipgrid.assembly.crew import Crew
-from shipgrid.cli.bench import spell_times
+from shipgrid.cli.bench_case import spell_times
 from shipgrid.scenarios import simulate as simulation
 
 STEP = 30e-6

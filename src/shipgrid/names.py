@@ -116,10 +116,30 @@ def shown(name: str) -> str:
     return repr(name if len(name) <= SHOWN else f"{name[:SHOWN]}...")
 
 
+def similar(word: str, valid: Iterable[str]) -> str:
+    """Hint naming the nearest valid word, or nothing.
+
+    Parameters
+    ----------
+    word : str
+        What was given.
+    valid : iterable of str
+        What could have been meant.
+    """
+    near = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.5)
+    return f" (nearest: '{near[0]}')" if near else ""
+
+
 def nearest(word: str, valid: Iterable[str]) -> str:
-    """Hint naming the nearest valid word, or all of them where there are few, or nothing."""
+    """Hint naming the nearest valid word, or all of them where there are few, or nothing.
+
+    Parameters
+    ----------
+    word : str
+        What was given.
+    valid : iterable of str
+        What could have been meant.
+    """
     names = list(valid)
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
-    if near:
-        return f" (nearest: '{near[0]}')"
-    return f" (there are: {', '.join(names)})" if 0 < len(names) <= 12 else ""
+    every = f" (there are: {', '.join(names)})" if 0 < len(names) <= 12 else ""
+    return similar(word, names) or every

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shipgrid.assembly import crew
-from shipgrid.cli import bench
+from shipgrid.cli import bench_case
 from shipgrid.errors import SolverError
 
 STEP_US = 4.0
@@ -49,7 +49,7 @@ def clock(monkeypatch):
             clock.now += 0.035
 
     monkeypatch.setattr(crew, "Crew", Crew)
-    monkeypatch.setattr(bench, "time", clock)
+    monkeypatch.setattr(bench_case, "time", clock)
     clock.crew = Crew
     return clock
 
@@ -62,16 +62,16 @@ def plant(every):
 
 def test_a_step_takes_what_stepping_takes(clock):
     plan, work = plant(every=3333)
-    figures = bench.spell_times(plan, work, spells=9)
+    figures = bench_case.spell_times(plan, work, spells=9)
     assert clock.crew.entered == 1
-    assert clock.crew.spells == [(bench.SPELL, k * bench.SPELL) for k in range(10)]
+    assert clock.crew.spells == [(bench_case.SPELL, k * bench_case.SPELL) for k in range(10)]
     assert figures == dict.fromkeys(figures, pytest.approx(STEP_US, rel=1e-9))
-    assert work.n == 10 * bench.SPELL and not work.step.rows.any() and not work.step.event_count.any()
+    assert work.n == 10 * bench_case.SPELL and not work.step.rows.any() and not work.step.event_count.any()
 
 
 def test_a_spell_is_no_longer_than_the_buffers_of_rows(clock):
     plan, work = plant(every=2)
-    bench.spell_times(plan, work, spells=1)
+    bench_case.spell_times(plan, work, spells=1)
     assert clock.crew.spells[0][0] == 2 * 511
 
 
@@ -79,4 +79,4 @@ def test_a_run_that_diverges_is_no_figure(clock, monkeypatch):
     monkeypatch.setattr("shipgrid.analysis.divergence.culprit", lambda plan, work: f"diverged at {work.n} steps")
     monkeypatch.setattr(clock.crew, "__call__", lambda self, steps, first: -100)
     with pytest.raises(SolverError, match="diverged at 100 steps"):
-        bench.spell_times(*plant(every=3333))
+        bench_case.spell_times(*plant(every=3333))

@@ -18,7 +18,7 @@ from shipgrid.io.run_file import read_run_file
 from shipgrid.io.scenario_file import read_case, read_scenario
 from shipgrid.io.ship_file import bundled, open_document, read_ship
 from shipgrid.io.yaml_lines import read_text
-from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME, mistake_in, shown
+from shipgrid.names import ITEM_NAME, LONGEST, PART_NAME, mistake_in, nearest, shown, similar
 from shipgrid.scenarios.simulate import default_place
 
 WRONG = {
@@ -103,6 +103,13 @@ def test_the_name_of_an_item_is_a_name(name):
 def test_a_long_name_is_shown_cut_and_what_is_not_printable_written_out():
     assert shown("n" * 300) == f"'{'n' * 40}...'"
     assert shown("\x1b[31m") == "'\\x1b[31m'"
+
+
+def test_a_hint_names_the_nearest_word_and_else_all_or_none():
+    words = ("averaged", "switching")
+    assert similar("averagd", words) == nearest("averagd", words) == " (nearest: 'averaged')"
+    assert (similar("zzz", words), nearest("zzz", words)) == ("", " (there are: averaged, switching)")
+    assert similar("zzz", ()) == nearest("zzz", map(str, range(13))) == ""
 
 
 @pytest.mark.parametrize("what", ["ship", "scenario"])

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import shipgrid as sg
-from shipgrid.cli.explain import tie_rows
+from shipgrid.cli.explain_tables import tie_rows
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.component import REGISTRY, type_of

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
+from shipgrid.cli.table import table
 from shipgrid.equipment.declaration import EQUIPMENT, Command, default_of, fields_of_kind, is_required
 from shipgrid.errors import InputErrors
 from shipgrid.io.quantities import show_quantity
@@ -18,17 +15,6 @@ from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model.component import load_all, parameters_of, unit_of
 from shipgrid.realtime.registers import registers as made_of
 from shipgrid.realtime.registers import write_registers
-
-
-def table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str]], *, stderr: bool = False) -> None:
-    """Print a table; into a file or a pipe as wide as its text, so that lines stay whole."""
-    width = None if (sys.stderr if stderr else sys.stdout).isatty() else 240
-    made = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
-    for head in heads:
-        made.add_column(head, overflow="fold")
-    for row in rows:
-        made.add_row(*(Text(cell) for cell in row))
-    Console(width=width, stderr=stderr).print(made)
 
 
 def ships() -> None:
