@@ -102,6 +102,7 @@ class Gateway:
             "rules": run.rules,
             "step": plan.h,
             "fidelity": plan.network.fidelity,
+            "parts": dict(plan.partition.buses) if plan.partition else None,
         }
         told |= {
             "udp": self.udp,
@@ -153,7 +154,7 @@ class Gateway:
 def main() -> None:
     """Read what to serve from the standard input, serve until that ends, and say what was counted."""
     told = pickle.load(sys.stdin.buffer)
-    plan = build(told["ship"], told["step"], told["fidelity"], told["rules"])
+    plan = build(told["ship"], told["step"], told["fidelity"], told["rules"], told["parts"])
     desk = Desk(told["ship"], plan, SharedArrays(Path(told["memory"])), told["lost"], told["timeout"])
     sys.setswitchinterval(SWITCH)
     udp = modbus = None
