@@ -11,7 +11,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from shipgrid.assembly.layout import Layout
-from shipgrid.assembly.partition import LineEnd
+from shipgrid.assembly.line_end import LineEnd
 from shipgrid.model.component import type_of
 from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import Placed

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from shipgrid.assembly.partition import SIGNALS, Part
+from shipgrid.assembly.line_end import SIGNALS
+from shipgrid.assembly.partition import Part
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
 from shipgrid.model.network import Network, Placed

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from shipgrid.assembly.layout import ONE, ZERO, Layout
-from shipgrid.assembly.partition import LineEnd, Part, end_matrices, end_space
+from shipgrid.assembly.line_end import LineEnd, end_matrices, end_space
+from shipgrid.assembly.partition import Part
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import type_of
 from shipgrid.model.network import AcBus, DcBus, Network, Placed, PortBinding

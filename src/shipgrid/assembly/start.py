@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from shipgrid.assembly.layout import ONE, TypeLayout
-from shipgrid.assembly.partition import LineEnd
+from shipgrid.assembly.line_end import LineEnd
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.tables import type_views
 from shipgrid.assembly.unit_text import NORTON
