@@ -66,7 +66,9 @@ if TYPE_CHECKING:
     from shipgrid.io.scenario_file import Scenario, load_scenario
     from shipgrid.io.ship_file import load_ship
     from shipgrid.model import Terminal, component, kernel, param, signal
-    from shipgrid.model.network import Across, Every, Network, Pole, Pole3, Sampled
+    from shipgrid.model.connections import Across, Pole, Pole3
+    from shipgrid.model.network import Network
+    from shipgrid.model.placed import Every, Sampled
     from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg, DirectBridge
     from shipgrid.modulators.hysteresis import HysteresisBridge
     from shipgrid.modulators.open_loop import SineModulation
@@ -199,7 +201,9 @@ _HOMES = {
     "shipgrid.io.scenario_file": ("Scenario", "load_scenario"),
     "shipgrid.io.ship_file": ("Ship", "load_ship"),
     "shipgrid.model": ("Terminal", "component", "kernel", "param", "signal"),
-    "shipgrid.model.network": ("Across", "Every", "Network", "Pole", "Pole3", "Sampled"),
+    "shipgrid.model.connections": ("Across", "Pole", "Pole3"),
+    "shipgrid.model.network": ("Network",),
+    "shipgrid.model.placed": ("Every", "Sampled"),
     "shipgrid.modulators.averaged": ("AveragedBridge", "AveragedLeg", "DirectBridge"),
     "shipgrid.modulators.hysteresis": ("HysteresisBridge",),
     "shipgrid.modulators.open_loop": ("SineModulation",),

@@ -35,7 +35,8 @@ from shipgrid.io.ship_file import load_ship, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model import kernel as compiled_kernel
 from shipgrid.model.component import Empty, fields_of, load_all, parameters_of, type_of, unit_of
-from shipgrid.model.network import Across, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_record
 from shipgrid.modulators.averaged import DirectBridge
 from shipgrid.scenarios.case import build

@@ -17,7 +17,8 @@ from shipgrid.assembly.start import settle_outputs
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.equipment.wiring import add_bridge, add_leg
 from shipgrid.model.component import fields_of
-from shipgrid.model.network import Network, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.model.records import names_of
 from shipgrid.modulators.open_loop import SineModulation
 from shipgrid.solvers.companion import state_space

@@ -15,7 +15,8 @@ from shipgrid.equipment.ship import Ship
 from shipgrid.io.quantities import parse_quantity
 from shipgrid.io.ship_file import read_ship
 from shipgrid.io.yaml_lines import read_text
-from shipgrid.model.network import DcBus, Network
+from shipgrid.model.connections import DcBus
+from shipgrid.model.network import Network
 
 HOTEL = """
 schema: 1

@@ -19,7 +19,8 @@ from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.io.ship_file import bundled, load_ship, read_ship
 from shipgrid.io.yaml_lines import read_text
 from shipgrid.model.component import Bounds, param
-from shipgrid.model.network import DcBus, Network
+from shipgrid.model.connections import DcBus
+from shipgrid.model.network import Network
 from shipgrid.units import KNOT, Henry, Ratio, Volt
 
 FERRY = bundled("ship")["ferry"].read_text()

@@ -23,7 +23,8 @@ from shipgrid.assembly.tables import arguments
 from shipgrid.model import kernel
 from shipgrid.model.component import type_of
 from shipgrid.model.frames import abc_to_alpha_beta
-from shipgrid.model.network import Network, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.model.records import initial_of, parameter_record, record_dtype
 from shipgrid.modulators.averaged import AveragedBridge
 from shipgrid.modulators.time_stamped import (

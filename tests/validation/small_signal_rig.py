@@ -27,7 +27,9 @@ from shipgrid.controllers.motor_speed import MotorSpeed
 from shipgrid.controllers.rectifier_control import RectifierControl
 from shipgrid.equipment.wiring import add_bridge, add_leg
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Pole3, Sampled
+from shipgrid.model.connections import Pole3
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Sampled
 from shipgrid.units import (
     Ampere,
     NewtonMetre,

@@ -10,7 +10,8 @@ from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.electrical.rl_branch import RlBranch
-from shipgrid.model.network import Across, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
 from verification.circuits import Hold, Sampler, SourceBranch, Wave
 
 FILTER = LclFilter(L_1=0.5e-3, R_1=0.02, C=50e-6, R_d=0.3, L_2=0.849e-3, R_2=0.03)

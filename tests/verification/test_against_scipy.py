@@ -24,8 +24,10 @@ from shipgrid.controllers.blocks.low_pass import low_pass
 from shipgrid.controllers.current_dq import CurrentDqState, current_dq
 from shipgrid.equipment.wiring import add_bridge, add_leg
 from shipgrid.model import component, kernel, param, signal
+from shipgrid.model.connections import Pole
 from shipgrid.model.frames import rotate, unrotate
-from shipgrid.model.network import Network, Pole, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.units import Ampere, PerUnit, Radian, RadianPerSecond, Ratio, Volt
 from verification.circuits import Hold, SourceBranch, Toggle
 

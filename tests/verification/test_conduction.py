@@ -18,7 +18,8 @@ from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.components.sources.dc_source import DcSource
 from shipgrid.errors import TopologyError
 from shipgrid.model.kernel import uncompiled
-from shipgrid.model.network import Network, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedLeg
 from shipgrid.solvers.conduction import ALL_AT_ONCE, stands_still, wait_for_gates
 from verification.circuits import Gates, LegGates, Sampler, SourceBranch, Wave

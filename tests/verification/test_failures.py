@@ -23,7 +23,8 @@ from shipgrid.errors import ParameterError, SolverError
 from shipgrid.io.scenario_file import load_scenario
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Sampled
 from shipgrid.scenarios import conclude
 from shipgrid.scenarios import simulate as simulation
 from shipgrid.scenarios.results import open_results

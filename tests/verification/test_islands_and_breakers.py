@@ -11,7 +11,8 @@ from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.components.electrical.cable import ac_cable, dc_cable
 from shipgrid.components.electrical.load import Load
 from shipgrid.components.electrical.rl_branch import RlBranch
-from shipgrid.model.network import Across, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
 from verification.circuits import Hold, SourceBranch
 from verification.test_network_solver import run, value
 

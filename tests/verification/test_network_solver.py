@@ -13,7 +13,9 @@ from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.errors import TopologyError
-from shipgrid.model.network import Across, Network, Pole, PortBinding, Sampled
+from shipgrid.model.connections import Across, Pole, PortBinding
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from verification.circuits import Hold, Sampler, SourceBranch
 
 R, L, C, E = 0.1, 1e-3, 100e-6, 100.0

@@ -17,7 +17,9 @@ from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.components.electrical.resistor import Resistor
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.errors import TopologyError
-from shipgrid.model.network import Across, Network, Sampled
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.solvers.crew import CROWDED
 from verification.circuits import Hold, Sampler, SourceBranch
 from verification.parted import CUT, buses, circuit, run, started, traced, two_buses, value

@@ -22,7 +22,9 @@ from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.equipment.wiring import add_leg
 from shipgrid.io.ship_file import load_ship
-from shipgrid.model.network import Across, Network, Pole, Sampled
+from shipgrid.model.connections import Across, Pole
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Sampled
 from shipgrid.solvers.reference import reference_run
 from verification.circuits import Hold, Sampler, SourceBranch
 from verification.test_network_solver import rlc

@@ -24,7 +24,8 @@ from shipgrid.components.sources.three_phase_source import ThreePhaseSource
 from shipgrid.errors import SolverError
 from shipgrid.io.scenario_file import load_scenario
 from shipgrid.io.ship_file import load_ship
-from shipgrid.model.network import Every, Network, Sampled
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Sampled
 from shipgrid.modulators.open_loop import SineModulation
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge
 from shipgrid.scenarios.against_reference import against_reference

@@ -13,7 +13,7 @@ from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
-from shipgrid.model.network import Across, Pole
+from shipgrid.model.connections import Across, Pole
 from shipgrid.solvers.companion import GAMMA, KAPPA
 from shipgrid.solvers.stub_lines import first_waves
 from verification.circuits import Hold, SourceBranch, Wave

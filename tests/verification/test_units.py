@@ -40,7 +40,8 @@ from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.marine.propeller import Propeller
 from shipgrid.controllers.drive_current import DriveCurrent
 from shipgrid.controllers.motor_speed import MotorSpeed
-from shipgrid.model.network import Across, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
 from shipgrid.scenarios.snapshot import identity
 
 case = {"drives": 1, "K_p": 10.0, "n_ref": 0.05, "measures": "a.v_dc", "step": 50e-6} | json.loads(sys.argv[1])

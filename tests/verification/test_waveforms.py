@@ -12,7 +12,8 @@ from shipgrid.assembly.plan import WAVE_ROWS, assemble, new_workspace
 from shipgrid.assembly.tables import arguments
 from shipgrid.errors import InputErrors, TopologyError
 from shipgrid.io.plot import plot
-from shipgrid.model.network import Network, Waveform
+from shipgrid.model.network import Network
+from shipgrid.model.public_signals import Waveform
 from shipgrid.scenarios.recorder import ResultsWriter
 from shipgrid.scenarios.results import open_results
 from shipgrid.scenarios.session import Run, run_until

@@ -37,8 +37,9 @@ from shipgrid.assembly.layout import ONE, ZERO, TypeLayout
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of, type_of
+from shipgrid.model.connections import Legs
 from shipgrid.model.kernel import argument_names, reads_time, uncompiled
-from shipgrid.model.network import Legs, Placed
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of, parameter_dtype
 from shipgrid.modulators.gates import LOWER, UPPER
 from shipgrid.solvers.companion import state_space

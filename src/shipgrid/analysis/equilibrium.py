@@ -27,7 +27,7 @@ from shipgrid.assembly.hand_over import taken_over
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import settle_modulators, settle_outputs
 from shipgrid.errors import SteadyStateError
-from shipgrid.model.network import DcBus
+from shipgrid.model.connections import DcBus
 
 ORDER, ORDER_LINE = 3, 4
 """Orders of the Pade quotients for the dead time of a modulation, and for that of a delay line."""

@@ -25,7 +25,7 @@ import numpy as np
 
 from shipgrid.analysis.linearise import LinearModel
 from shipgrid.errors import ParameterError
-from shipgrid.model.network import DcBus
+from shipgrid.model.connections import DcBus
 
 
 @dataclass(frozen=True)

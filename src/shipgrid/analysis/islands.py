@@ -24,7 +24,8 @@ import numpy as np
 
 from shipgrid.assembly.plan import Plan
 from shipgrid.model.component import fields_of
-from shipgrid.model.network import AcBus, Placed
+from shipgrid.model.connections import AcBus
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of
 
 

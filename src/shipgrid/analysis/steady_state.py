@@ -22,8 +22,8 @@ from shipgrid.assembly.start import evaluate_outputs, settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
+from shipgrid.model.connections import DcBus
 from shipgrid.model.kernel import call_uncompiled
-from shipgrid.model.network import DcBus
 from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
 
 COMPLEX_STEP = 1e-40

@@ -14,7 +14,7 @@ from shipgrid.assembly.layout import Layout
 from shipgrid.assembly.line_end import LineEnd
 from shipgrid.model.component import type_of
 from shipgrid.model.kernel import call_uncompiled
-from shipgrid.model.network import Placed
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import make_record, names_of, parameter_record
 
 

@@ -13,7 +13,7 @@ from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import settle_network, settle_outputs
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import parameters_of, type_of
-from shipgrid.model.network import PortBinding
+from shipgrid.model.connections import PortBinding
 from shipgrid.model.records import names_of
 
 MOST_LINES = 12

@@ -16,7 +16,8 @@ from shipgrid.assembly.line_end import SIGNALS
 from shipgrid.assembly.partition import Part
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
-from shipgrid.model.network import Network, Placed
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import initial_of, names_of, parameter_values, size_of
 from shipgrid.names import nearest
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import type_of
-from shipgrid.model.network import Placed, PortBinding
+from shipgrid.model.connections import PortBinding
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import StateSpace, stage_matrices, state_space
 

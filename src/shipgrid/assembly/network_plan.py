@@ -13,7 +13,9 @@ from shipgrid.assembly.line_end import LineEnd, end_matrices, end_space
 from shipgrid.assembly.partition import Part
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import type_of
-from shipgrid.model.network import AcBus, DcBus, Network, Placed, PortBinding
+from shipgrid.model.connections import AcBus, DcBus, PortBinding
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 from shipgrid.solvers.nodal import NetworkPlan

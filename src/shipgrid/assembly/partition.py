@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 from shipgrid.assembly.line_end import LineEnd, inductance, state_behind
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import fields_of, type_of
-from shipgrid.model.network import Network, Placed
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Placed
 from shipgrid.solvers.companion import state_space
 
 SURPLUS = 0.05

@@ -25,7 +25,9 @@ from shipgrid.assembly.unit_text import LEDGERS
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import POSITION, ComponentType, fields_of, type_of
 from shipgrid.model.kernel import in_one_piece
-from shipgrid.model.network import Every, Network, Placed, PublicSignal, Sampled, Waveform
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Placed, Sampled
+from shipgrid.model.public_signals import PublicSignal, Waveform
 from shipgrid.model.records import names_of, size_of
 from shipgrid.solvers.conduction import MEANS
 from shipgrid.solvers.nodal import NetworkPlan, NetworkWork

@@ -21,7 +21,8 @@ from typing import Any
 from shipgrid.assembly.unit_text import LEDGERS, is_continuous, operations
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import STAGES, ComponentType, type_of
-from shipgrid.model.network import Delayed, Network, Placed
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Delayed, Placed
 
 WALKS = (
     "before",  # the network is stepped

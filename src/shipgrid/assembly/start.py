@@ -15,8 +15,9 @@ from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.assembly.tables import type_views
 from shipgrid.assembly.unit_text import NORTON
 from shipgrid.model.component import type_of
+from shipgrid.model.connections import PortBinding
 from shipgrid.model.kernel import argument_names, call_uncompiled
-from shipgrid.model.network import Placed, PortBinding
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import GAMMA, stage_matrices, state_space
 

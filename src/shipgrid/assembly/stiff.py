@@ -16,7 +16,8 @@ import numpy as np
 from shipgrid.assembly.contacts import energy_form
 from shipgrid.assembly.layout import Layout
 from shipgrid.model.component import type_of
-from shipgrid.model.network import Network, Placed
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Placed
 from shipgrid.model.records import names_of
 from shipgrid.solvers.companion import state_space
 from shipgrid.solvers.nodal import NetworkPlan

@@ -23,7 +23,8 @@ from shipgrid.equipment import bess, rectifier
 from shipgrid.equipment.declaration import reference
 from shipgrid.equipment.hull import T_MARINE
 from shipgrid.model.component import param
-from shipgrid.model.network import Every, Network
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every
 from shipgrid.units import Ampere, PerUnit, Ratio, Second
 
 Declared = TypeVar("Declared", bound=type)

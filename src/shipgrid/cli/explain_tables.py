@@ -18,7 +18,9 @@ from shipgrid.equipment.capability import Rated, Resonance
 from shipgrid.equipment.ship import ShipInNetwork
 from shipgrid.io.report import si
 from shipgrid.model.component import STAGES, type_of
-from shipgrid.model.network import AcBus, Every, Network, Placed, Sampled
+from shipgrid.model.connections import AcBus
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Placed, Sampled
 from shipgrid.model.records import parameter_record
 from shipgrid.solvers.companion import state_space
 from shipgrid.solvers.topology import islands

@@ -21,8 +21,9 @@ from shipgrid.equipment.declaration import Command, Published, as_in, equipment,
 from shipgrid.equipment.wiring import add_leg
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Sampled, Waveform
 from shipgrid.model.ops import absolute
+from shipgrid.model.placed import Every, Sampled
+from shipgrid.model.public_signals import Waveform
 from shipgrid.units import (
     Ampere,
     AmperePerSecond,

@@ -17,8 +17,10 @@ from shipgrid.components.electrical.cable import ac_cable, dc_cable
 from shipgrid.equipment.declaration import Published, block, equipment, reference, switch
 from shipgrid.errors import TopologyError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Across, Every, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
 from shipgrid.model.ops import absolute
+from shipgrid.model.placed import Every
 from shipgrid.units import Metre, Ohm, Ratio, Volt
 
 STATES = {0: "open", 1: "closed"}

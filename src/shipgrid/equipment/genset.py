@@ -23,8 +23,8 @@ from shipgrid.controllers.governor_degov1 import Degov1
 from shipgrid.equipment.declaration import EQUIPMENT, Command, Published, block, equipment, refuse_other, switch
 from shipgrid.errors import TopologyError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Delayed, Every
 from shipgrid.model.ops import absolute
+from shipgrid.model.placed import Delayed, Every
 from shipgrid.units import Hertz, PerUnit, PerUnitPerSecond, Ratio, Second, Volt, Watt
 
 OFF, CRANKING, RUNNING_UP, EXCITING, ON, UNLOADING, COOLING, RUNNING_DOWN = range(8)

@@ -13,7 +13,8 @@ from shipgrid.components.marine.thrust_sum import ThrustSum
 from shipgrid.components.marine.wind_and_waves import WindAndWaves
 from shipgrid.equipment.declaration import Command, Published, block, curve, equipment
 from shipgrid.model import param
-from shipgrid.model.network import Every, Network
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every
 from shipgrid.units import Kilogram, Ratio
 
 PRESETS = {"table": RESISTANCE_POINT, "paper_fit": 21.6e3}

@@ -36,8 +36,9 @@ from shipgrid.equipment.declaration import Published, block, choice, equipment, 
 from shipgrid.equipment.filter_rules import resonance_band
 from shipgrid.equipment.wiring import add_bridge, add_filter_voltage, publish_bridge_voltage
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Network, Sampled
+from shipgrid.model.network import Network
 from shipgrid.model.ops import absolute, clip, hypot
+from shipgrid.model.placed import Every, Sampled
 from shipgrid.units import (
     Ampere,
     Farad,

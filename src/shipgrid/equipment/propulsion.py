@@ -26,8 +26,9 @@ from shipgrid.equipment.declaration import Command, Published, as_in, block, cho
 from shipgrid.equipment.hull import T_MARINE
 from shipgrid.equipment.wiring import publish_switching
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Delayed, Every, Network
+from shipgrid.model.network import Network
 from shipgrid.model.ops import clip
+from shipgrid.model.placed import Delayed, Every
 from shipgrid.modulators.averaged import DirectBridge
 from shipgrid.modulators.hysteresis import HysteresisBridge
 from shipgrid.units import Ampere, Farad, KilogramMetre2, Ohm, RadianPerSecond, Ratio, Second, Volt, Watt, rpm

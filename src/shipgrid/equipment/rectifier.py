@@ -38,8 +38,8 @@ from shipgrid.equipment.filter_rules import REACTIVE_POWER, RIPPLE, inductance_f
 from shipgrid.equipment.wiring import add_bridge, publish_bridge_voltage
 from shipgrid.errors import ParameterError
 from shipgrid.model import component, kernel, param, signal
-from shipgrid.model.network import Every, Sampled
 from shipgrid.model.ops import absolute, hypot, maximum, minimum
+from shipgrid.model.placed import Every, Sampled
 from shipgrid.units import Farad, Hertz, Ohm, PerUnit, PerUnitPerSecond, Ratio, Second, Volt, VoltPerSecond, Watt
 
 L_1_PAPER = 1.29

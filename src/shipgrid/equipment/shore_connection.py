@@ -29,7 +29,9 @@ from shipgrid.equipment.breakers import AC_CONTROL_PERIOD
 from shipgrid.equipment.declaration import Published, block, equipment, reference, switch
 from shipgrid.equipment.inverter import InverterMeter
 from shipgrid.model import param
-from shipgrid.model.network import Across, Every, Network
+from shipgrid.model.connections import Across
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every
 from shipgrid.units import Metre, Ohm, PerUnit, Ratio, VoltAmpere
 
 T_TRANSFER = 10.0

@@ -7,7 +7,10 @@ from typing import Any
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.filter_voltage import FilterVoltage
 from shipgrid.components.electrical.lcl_filter import LclFilter
-from shipgrid.model.network import DcBus, Every, Network, Pole, Pole3, Sampled, Waveform
+from shipgrid.model.connections import DcBus, Pole, Pole3
+from shipgrid.model.network import Network
+from shipgrid.model.placed import Every, Sampled
+from shipgrid.model.public_signals import Waveform
 from shipgrid.modulators.averaged import AveragedBridge, AveragedLeg
 from shipgrid.modulators.time_stamped import Carrier, TimeStampedBridge, TimeStampedLeg
 

@@ -12,175 +12,26 @@ from typing import Any
 
 from shipgrid.errors import ParameterError, TopologyError
 from shipgrid.model.component import ComponentType, fields_of, type_of
+from shipgrid.model.connections import (
+    AcBus,
+    Bus,
+    DcBus,
+    Legs,
+    Pole,
+    Pole3,
+    PortBinding,
+    axis_binding,
+    buses_of,
+    ends_by_terminal,
+    in_words,
+    is_three_phase,
+    scalar_binding,
+    terminals_in_words,
+)
 from shipgrid.model.frames import PHASES
+from shipgrid.model.placed import Every, Placed, Sampled, WhenClosed
+from shipgrid.model.public_signals import PublicSignal, Watched, Waveform
 from shipgrid.names import checked_path
-
-
-@dataclass(frozen=True)
-class Every:
-    """A clock of period `seconds`, rounded to a whole number of steps."""
-
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """A clock of exactly `hertz`, whose instants fall anywhere inside a step."""
-
-    hertz: float
-
-
-class Delayed(str):
-    """Path of a signal read as the last instant left it: breaks a loop within one step where it may be broken."""
-
-
-class WhenClosed(str):
-    """Path of a signal that is 1 while an element's contact is closed and 0 while it is open."""
-
-
-@dataclass(frozen=True)
-class DcBus:
-    """A DC bus: one node, pole to pole."""
-
-    name: str
-    v_n: float
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """Path of its node voltage."""
-        return (f"{self.name}.v_dc",)
-
-
-@dataclass(frozen=True)
-class AcBus:
-    """A three-wire AC bus: two nodes, alpha and beta; `v_n` is line to line, rms."""
-
-    name: str
-    v_n: float
-    f_n: float
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """Paths of its node voltages."""
-        return (f"{self.name}.v_alpha", f"{self.name}.v_beta")
-
-
-Bus = DcBus | AcBus
-
-
-@dataclass(frozen=True)
-class Across:
-    """Connects a two-pole branch between two buses: its voltage is v(a) - v(b)."""
-
-    a: Bus
-    b: Bus
-
-
-@dataclass(frozen=True)
-class Pole:
-    """A half-bridge leg: the terminal's voltage is s v_dc, and the bus delivers weight s i (`s`: path of a signal)."""
-
-    bus: DcBus
-    s: str
-    weight: float = 1.0
-
-
-@dataclass(frozen=True)
-class Pole3:
-    """A two-level bridge: v_alpha = s_alpha v_dc, so beta; the bus delivers 3/2 (s_alpha i_alpha + s_beta i_beta)."""
-
-    bus: DcBus
-    s_alpha: str
-    s_beta: str
-
-
-@dataclass(frozen=True)
-class Legs:
-    """The legs of one bridge on a DC bus, and the modulator that drives their gates."""
-
-    path: str
-    bus: DcBus
-    modulator: str
-    phases: tuple[str, ...]  # suffixes of the modulator's `lo`, `hi` and `lead`
-    poles: tuple[str, ...]  # paths of the switching functions of its poles: alpha and beta, or one
-    weight: float
-
-
-@dataclass(frozen=True)
-class PortBinding:
-    """Where one scalar terminal meets the nodes: v = c (v_plus - v_minus); the nodes see weight c i."""
-
-    plus: str | None
-    minus: str | None = None
-    coefficient: str | None = None
-    weight: float = 1.0
-
-
-@dataclass
-class Placed:
-    """One component in its place."""
-
-    path: str
-    item: Any
-    ports: dict[str, PortBinding]
-    inputs: dict[str, str | float]
-    initial: dict[str, float]
-    clock: Every | Sampled | None
-    variant: str | None
-    axis_weight: float
-
-    @property
-    def positions(self) -> list[tuple[str, ...] | None]:
-        """States that are held at zero, by the value of the signal `variant`; None: nothing is open."""
-        held = [None, *type_of(self.item).variants.values()]
-        return [held[1], held[0]] if isinstance(self.variant, WhenClosed) else held
-
-
-@dataclass(frozen=True)
-class PublicSignal:
-    """A signal people see: name, where it comes from, unit, meaning, recorder group."""
-
-    name: str
-    source: str
-    unit: str
-    description: str
-    group: str
-
-
-@dataclass(frozen=True)
-class Waveform:
-    """A quantity that is recorded in windows only, at every step: a weighted sum of signals.
-
-    Attributes
-    ----------
-    name : str
-        Public name.
-    terms : tuple of (str, float)
-        Paths of the signals, and what each is multiplied by.
-    unit, description : str
-    mean : bool
-        Whether its value is the mean over the step that ends at each instant, and not the value at the instant.
-    carrier : float
-        Frequency [Hz] of the carrier that shapes it; 0 without one.
-    """
-
-    name: str
-    terms: tuple[tuple[str, float], ...]
-    unit: str
-    description: str
-    mean: bool = False
-    carrier: float = 0.0
-
-
-@dataclass(frozen=True)
-class Watched:
-    """A code signal whose changes are events, with the texts of its codes."""
-
-    owner: str
-    source: str
-    texts: Mapping[int, str]
-    refusal: bool = False
-
 
 FIDELITIES = ("averaged", "switching")
 """Mean values of the converters, or every edge."""
@@ -216,11 +67,27 @@ class Network:
             raise ParameterError(f"there is no fidelity '{self.fidelity}', expected one of {', '.join(FIDELITIES)}")
 
     def dc_bus(self, name: str, v_n: float) -> DcBus:
-        """Add a DC bus of nominal voltage `v_n` [V]."""
+        """Add a DC bus.
+
+        Parameters
+        ----------
+        name : str
+        v_n : float
+            Nominal voltage, pole to pole [V].
+        """
         return self._bus(DcBus(name, v_n))
 
     def ac_bus(self, name: str, v_n: float, f_n: float) -> AcBus:
-        """Add a three-wire AC bus of nominal line voltage `v_n` [V rms] and frequency `f_n` [Hz]."""
+        """Add a three-wire AC bus.
+
+        Parameters
+        ----------
+        name : str
+        v_n : float
+            Nominal voltage, line to line [V rms].
+        f_n : float
+            Nominal frequency [Hz].
+        """
         return self._bus(AcBus(name, v_n, f_n))
 
     def _bus(self, bus: Any) -> Any:
@@ -231,13 +98,30 @@ class Network:
         return bus
 
     def bus(self, name: str) -> Any:
-        """The bus of that name."""
+        """The bus of a name.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        TopologyError
+            If there is none.
+        """
         if name not in self.buses:
             raise TopologyError(f"{self.name}: no bus '{name}', there are {sorted(self.buses)}")
         return self.buses[name]
 
     def capacitance(self, bus: Bus, farad: float) -> None:
-        """Add capacitance between the poles of a DC bus (per axis of an AC bus); capacitors in parallel merge."""
+        """Add capacitance to a bus; capacitors in parallel merge.
+
+        Parameters
+        ----------
+        bus : DcBus or AcBus
+        farad : float
+            Between the poles of a DC bus, or per axis of an AC bus [F].
+        """
         for node in bus.nodes:
             self.capacitances[node] = self.capacitances.get(node, 0.0) + farad
 
@@ -315,16 +199,16 @@ class Network:
         if contact is not None and not kind.variants and "close" in {f.name for f in fields_of(kind.input)}:
             inputs, contact = {**(inputs or {}), "close": _closed(path, kind, contact)}, None
         variant = self._position(path, kind, variant, contact)
-        if any(_three_phase(end) for end in given.values()) or (
+        if any(is_three_phase(end) for end in given.values()) or (
             kind.two_axis_ends and not any(isinstance(end, PortBinding) for end in given.values())
         ):
             self._add_three_phase(path, item, given, inputs or {}, initial, clock, variant)
             return
         self._check_free(path)
-        bound = {name: _scalar_binding(f"{path} ({kind.name}): terminal '{name}'", end) for name, end in given.items()}
+        bound = {name: scalar_binding(f"{path} ({kind.name}): terminal '{name}'", end) for name, end in given.items()}
         names = {terminal.name for terminal in kind.terminals}
         if set(bound) != names:
-            raise TopologyError(f"{path} ({kind.name}) has {_terminals(kind)}, connected are {sorted(bound)}")
+            raise TopologyError(f"{path} ({kind.name}) has {terminals_in_words(kind)}, connected are {sorted(bound)}")
         self.placed[path] = Placed(
             path, item, bound, dict(inputs or {}), dict(initial or {}), clock, variant, axis_weight
         )
@@ -372,7 +256,7 @@ class Network:
                     f"{path}.{axis}",
                     item,
                     ports={
-                        name: _axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
+                        name: axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
                         for name, end in ports.items()
                     },
                     inputs={name: v[k] if isinstance(v, tuple) else v for name, v in inputs.items()},
@@ -385,9 +269,9 @@ class Network:
         if len(ports) == len(axes) == 1:  # whatever the only end of a machine is called
             ports = dict.fromkeys(axes, *ports.values())
         if set(ports) != set(axes):
-            raise TopologyError(f"{path} ({kind.name}) has {_terminals(kind)}, connected are {sorted(ports)}")
+            raise TopologyError(f"{path} ({kind.name}) has {terminals_in_words(kind)}, connected are {sorted(ports)}")
         bound = {
-            terminal: _axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
+            terminal: axis_binding(f"{path} ({kind.name}): terminal '{name}'", end, k)
             for name, end in ports.items()
             for k, terminal in enumerate(axes[name])
         }
@@ -403,38 +287,15 @@ class Network:
             raise TopologyError(f"{self.name}: two components of the name '{path}'")
 
     def _ends(self, path: str, kind: ComponentType, ends: Mapping[str, Any]) -> dict[str, Any]:
-        """Ends by terminal: a branch's `a` and `b` become its only terminal; buses have to be of this network."""
+        """Ends by terminal; their buses have to be of this network."""
         for name, end in ends.items():
-            for bus in _buses_of(end):
+            for bus in buses_of(end):
                 if self.buses.get(bus.name) is not bus:
                     raise TopologyError(
-                        f"{path} ({kind.name}): terminal '{name}' is connected to {_said(bus)}, "
+                        f"{path} ({kind.name}): terminal '{name}' is connected to {in_words(bus)}, "
                         f"which is no bus of {self.name}; it has {sorted(self.buses)}"
                     )
-        single = [*kind.two_axis_ends] or [terminal.name for terminal in kind.terminals]
-        if single == ["a", "b"] and kind.stamped and set(ends) == {"a"}:
-            return {**ends, "b": PortBinding(None)}  # the other pole of the bus
-        branch = single[0] if len(single) == 1 else ""
-        if not branch or not set(ends) & {"a", "b"} or set(ends) & {branch}:
-            return dict(ends)
-        if "a" not in ends or set(ends) - {"a", "b"}:
-            raise TopologyError(f"{path} ({kind.name}) is a branch with the ends a and b, connected are {sorted(ends)}")
-        if "b" not in ends:
-            return {branch: ends["a"]}
-        a, b = ends["a"], ends["b"]
-        for name, end in ends.items():
-            if not isinstance(end, DcBus | AcBus):
-                raise TopologyError(
-                    f"{path} ({kind.name}): end '{name}' of a branch between two buses is {_said(end)}, expected a bus "
-                    "(a Choke takes a converter's pole at either end)"
-                )
-        if type(a) is not type(b):
-            raise TopologyError(
-                f"{path} ({kind.name}): end 'a' is at {_said(a)}, end 'b' at {_said(b)}; expected two buses of one kind"
-            )
-        if a is b:
-            raise TopologyError(f"{path} ({kind.name}): both ends are at {_said(a)}")
-        return {branch: Across(a, b)}
+        return ends_by_terminal(path, kind, ends)
 
     def _position(self, path: str, kind: ComponentType, variant: str | None, contact: str | None) -> str | None:
         """Path of the signal that moves an element's contacts, its own command where it has one."""
@@ -491,25 +352,56 @@ class Network:
         return Pole(bus, f"{path}.s")
 
     def reconnect(self, path: str, **inputs: str | float) -> dict[str, str | float]:
-        """Let inputs of a placed component read other signals; returns what they read before."""
+        """Let inputs of a placed component read other signals; returns what they read before.
+
+        Parameters
+        ----------
+        path : str
+            Of the component.
+        **inputs : str or float
+            Path of the signal each reads from now on, or a constant.
+        """
         own = self.placed[path].inputs
         before = {name: own[name] for name in inputs}
         own.update(inputs)
         return before
 
     def command(self, path: str, value: float = 0.0) -> str:
-        """Path of the signal of a command, declared with its value at the start."""
+        """Path of the signal of a command, which is declared with that.
+
+        Parameters
+        ----------
+        path : str
+            Name of the command.
+        value : float
+            At the start; of one that is declared already nothing changes.
+        """
         self.commands.setdefault(checked_path(path, self.name), value)
         return f"command:{path}"
 
     def publish(self, name: str, *, source: str, unit: str, description: str, group: str = "plant") -> None:
-        """Make a signal public: recorded and listed under `name`."""
+        """Make a signal public: recorded and listed under a name.
+
+        Parameters
+        ----------
+        name : str
+        source : str
+            Path of the signal.
+        unit, description : str
+        group : {"plant", "slow"}
+            Recorder group.
+        """
         if name in self.published:
             raise TopologyError(f"{self.name}: two public signals of the name '{name}'")
         self.published[checked_path(name, self.name)] = PublicSignal(name, source, unit, description, group)
 
     def publish_waveform(self, waveform: Waveform) -> None:
-        """Make a quantity public in waveform windows, beside all public signals."""
+        """Make a quantity public in waveform windows, beside all public signals.
+
+        Parameters
+        ----------
+        waveform : Waveform
+        """
         if waveform.name in self.waveforms or waveform.name in self.published:
             raise TopologyError(f"{self.name}: two public signals of the name '{waveform.name}'")
         self.waveforms[checked_path(waveform.name, self.name)] = waveform
@@ -555,11 +447,31 @@ class Network:
             )
 
     def watch_state(self, owner: str, source: str, states: Mapping[int, str]) -> None:
-        """Log each change of a sequence's state, with its name."""
+        """Log each change of a sequence's state, with its name.
+
+        Parameters
+        ----------
+        owner : str
+            Whose sequence it is.
+        source : str
+            Path of the signal that is the state's code.
+        states : mapping of int to str
+            Names by code.
+        """
         self.watched.append(Watched(owner, source, dict(states)))
 
     def watch_refusal(self, owner: str, source: str, reasons: Mapping[int, str]) -> None:
-        """Log each refusal of a command, with its reason."""
+        """Log each refusal of a command, with its reason.
+
+        Parameters
+        ----------
+        owner : str
+            Who refuses.
+        source : str
+            Path of the signal that is the reason's code.
+        reasons : mapping of int to str
+            Texts by code.
+        """
         self.watched.append(Watched(owner, source, dict(reasons), refusal=True))
 
 
@@ -568,56 +480,3 @@ def _closed(path: str, kind: ComponentType, contact: str) -> float:
     if contact not in ("closed", "open"):
         raise TopologyError(f"{path} ({kind.name}): contact = {contact!r}, expected 'closed' or 'open'")
     return 1.0 if contact == "closed" else 0.0
-
-
-def _three_phase(end: Any) -> bool:
-    return isinstance(end, AcBus | Pole3) or (isinstance(end, Across) and isinstance(end.a, AcBus))
-
-
-def _buses_of(end: Any) -> tuple[Any, ...]:
-    if isinstance(end, DcBus | AcBus):
-        return (end,)
-    if isinstance(end, Across):
-        return (end.a, end.b)
-    return (end.bus,) if isinstance(end, Pole | Pole3) else ()
-
-
-def _said(end: Any) -> str:
-    """What a connection leads to, in words."""
-    if isinstance(end, DcBus | AcBus):
-        return f"{'DC' if isinstance(end, DcBus) else 'AC'} bus '{end.name}'"
-    if isinstance(end, Across):
-        return f"{_said(end.a)} and {_said(end.b)}"
-    if isinstance(end, Pole | Pole3):
-        return f"{'a half-bridge leg' if isinstance(end, Pole) else 'a three-phase bridge'} on {_said(end.bus)}"
-    return repr(end)
-
-
-def _terminals(kind: ComponentType) -> str:
-    """The terminals of a device as connections call them."""
-    if kind.two_axis_ends:
-        return f"the three-phase terminals {sorted(kind.two_axis_ends)}"
-    names = sorted(terminal.name for terminal in kind.terminals)
-    return "no terminals" if not names else f"the terminal{'s' * (len(names) > 1)} {names}"
-
-
-def _scalar_binding(terminal: str, end: Any) -> PortBinding:
-    if isinstance(end, PortBinding):
-        return end
-    if isinstance(end, Pole):
-        return PortBinding(end.bus.nodes[0], None, end.s, end.weight)
-    if isinstance(end, Across) and isinstance(end.a, DcBus) and isinstance(end.b, DcBus):
-        return PortBinding(end.a.nodes[0], end.b.nodes[0])
-    if isinstance(end, DcBus):
-        return PortBinding(end.nodes[0])
-    raise TopologyError(f"{terminal} is single-phase and cannot be connected to {_said(end)}")
-
-
-def _axis_binding(terminal: str, end: Any, axis: int) -> PortBinding:
-    if isinstance(end, Pole3):
-        return PortBinding(end.bus.nodes[0], None, (end.s_alpha, end.s_beta)[axis], 1.5)
-    if isinstance(end, Across) and isinstance(end.a, AcBus) and isinstance(end.b, AcBus):
-        return PortBinding(end.a.nodes[axis], end.b.nodes[axis])
-    if isinstance(end, AcBus):
-        return PortBinding(end.nodes[axis])
-    raise TopologyError(f"{terminal} is three-phase here and cannot be connected to {_said(end)}")

@@ -15,7 +15,7 @@ from shipgrid.assembly.plan import Plan, terms_of
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import InputErrors, SolverError
-from shipgrid.model.network import PublicSignal, Waveform
+from shipgrid.model.public_signals import PublicSignal, Waveform
 from shipgrid.scenarios.case import DEFAULT_STEP, build
 from shipgrid.scenarios.session import Run, run_until
 from shipgrid.scenarios.start import start

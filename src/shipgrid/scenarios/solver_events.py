@@ -10,7 +10,7 @@ import math
 
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.model.component import type_of
-from shipgrid.model.network import Sampled
+from shipgrid.model.placed import Sampled
 from shipgrid.solvers.companion import state_space
 
 DISCONTINUOUS = ((2.0, 0.80), (4.0, 0.45), (8.0, 0.20), (12.0, 0.08), (20.0, 0.04))

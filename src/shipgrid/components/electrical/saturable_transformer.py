@@ -18,7 +18,8 @@ from shipgrid.components.electrical.saturable_core import SaturableCore
 from shipgrid.components.electrical.secondary_winding import SecondaryWinding
 from shipgrid.components.electrical.transformer import Transformer
 from shipgrid.errors import TopologyError
-from shipgrid.model.network import AcBus, Network
+from shipgrid.model.connections import AcBus
+from shipgrid.model.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
