@@ -12,9 +12,11 @@ import statistics
 import time
 
 import shipgrid as sg
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.crew import Crew, cores
-from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.components.electrical.cable import dc_cable
 from shipgrid.scenarios.case import build
 from shipgrid.scenarios.start import start

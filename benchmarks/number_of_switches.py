@@ -27,10 +27,11 @@ def measure(number: int) -> dict[str, float]:
     import math
 
     import shipgrid as sg
+    from shipgrid.assembly.assemble import assemble
     from shipgrid.assembly.code_store import core
-    from shipgrid.assembly.plan import assemble, new_workspace
     from shipgrid.assembly.start import settle_outputs
     from shipgrid.assembly.tables import arguments
+    from shipgrid.assembly.workspace import new_workspace
 
     net = sg.Network(f"{number} inverters")
     dc = net.dc_bus("dc", v_n=750.0)

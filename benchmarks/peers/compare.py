@@ -28,9 +28,9 @@ import numpy as np
 
 import shipgrid as sg
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 from verification.gallery import GALLERY, duty_ratios, example  # the circuit, and its netlist for ngspice

@@ -22,8 +22,8 @@ from numba.core.errors import TypingError
 from scenarios.story import RING
 from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.steady_state import operating_point
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.tables import arguments
 from shipgrid.assembly.unit_text import NORTON
 from shipgrid.automation.power_management import BlackoutPrevention, equip

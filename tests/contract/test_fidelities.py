@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from contract.test_components import KINDS, benches, drawn
-from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.equipment.wiring import add_bridge, add_leg
 from shipgrid.model.component import fields_of

@@ -10,8 +10,8 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.io.report import clock_table
 from shipgrid.realtime import monitor
 from shipgrid.solvers import pacing

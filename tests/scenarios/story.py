@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.equipment.ship import Ship
 from shipgrid.io.quantities import parse_quantity

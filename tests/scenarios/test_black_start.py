@@ -7,9 +7,9 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.equipment import bess, rectifier
 from shipgrid.scenarios.case import build
 

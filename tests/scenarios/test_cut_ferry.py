@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 import shipgrid as sg
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import code_names
-from shipgrid.assembly.plan import assemble
 from shipgrid.cli.main import app
 from shipgrid.scenarios.against_uncut import against_uncut
 from shipgrid.scenarios.case import build

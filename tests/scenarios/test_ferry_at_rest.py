@@ -7,9 +7,11 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import advance, advancing, operating_point
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.tables import arguments, type_views
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.components.mechanical.diesel_engine import DieselEngine
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.model.network import Network

@@ -7,11 +7,11 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.energy import stored_energy
 from shipgrid.assembly.partition import propose
-from shipgrid.assembly.plan import assemble
 from shipgrid.model.network import Network
 from shipgrid.scenarios.case import build
 

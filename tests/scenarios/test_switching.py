@@ -7,8 +7,8 @@ import pytest
 
 import shipgrid as sg
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import Workspace
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.scenarios.case import build
 from shipgrid.scenarios.start import start
 from shipgrid.solvers.companion import GAMMA, KAPPA

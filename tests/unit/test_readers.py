@@ -15,7 +15,8 @@ import pytest
 import synthetic_run
 from typer.testing import CliRunner
 
-from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.cli.main import app
 from shipgrid.errors import InputErrors
 from shipgrid.model.network import Network

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from shipgrid.assembly.plan import assemble
+from shipgrid.assembly.assemble import assemble
 from shipgrid.components.converters.buck_boost import BuckBoost
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.electrical.load import Load

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.connections import Across

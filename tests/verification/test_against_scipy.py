@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.lcl_filter import LclFilter
 from shipgrid.components.sources.three_phase_source import ThreePhaseSource
 from shipgrid.controllers.blocks.low_pass import low_pass

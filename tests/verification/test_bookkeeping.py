@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.energy import stored_energy
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.model import Terminal, component, kernel, param, signal
 from shipgrid.model.network import Network
 from shipgrid.scenarios.recorder import ResultsWriter

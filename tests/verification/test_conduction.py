@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.energy import stored_energy
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
 from shipgrid.components.electrical.choke import Choke
 from shipgrid.components.machines.pmsm import Pmsm

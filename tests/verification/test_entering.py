@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from shipgrid.assembly import tables
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.core_text import numbers_of
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.tables import COPIES, arguments, named_arrays, scratch_of
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.io.ship_file import load_ship
 from shipgrid.model.kernel import TableRow
 from shipgrid.model.network import Network

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.cable import ac_cable, dc_cable
 from shipgrid.components.electrical.load import Load
 from shipgrid.components.electrical.rl_branch import RlBranch

@@ -10,10 +10,11 @@ import pytest
 import shipgrid as sg
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly import crew as crew_module
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.crew import Crew, shared_out
 from shipgrid.assembly.partition import divide, propose
-from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.resistor import Resistor
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.errors import TopologyError

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.start import settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.machines.pmsm import Pmsm
 from shipgrid.equipment.wiring import add_leg

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.energy import stored_energy
-from shipgrid.assembly.plan import assemble
 from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.model.connections import Across, Pole

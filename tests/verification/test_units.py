@@ -18,10 +18,11 @@ from ruamel.yaml import YAML
 
 import shipgrid
 from shipgrid.assembly import code_store, object_code
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core, source_of
 from shipgrid.assembly.fingerprint import reached
-from shipgrid.assembly.plan import assemble, new_workspace
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.errors import ShipgridError
 from shipgrid.io.ship_file import bundled, load_ship
 from shipgrid.model import component, kernel, signal
@@ -34,7 +35,8 @@ from shipgrid.units import Ratio
 SCRIPT = """
 import json, sys
 from shipgrid.assembly import code_store
-from shipgrid.assembly.plan import assemble, new_workspace
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.assembly.tables import arguments
 from shipgrid.components.electrical.rl_branch import RlBranch
 from shipgrid.components.marine.propeller import Propeller

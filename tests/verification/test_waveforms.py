@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import WAVE_ROWS, assemble, new_workspace
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import WAVE_ROWS, new_workspace
 from shipgrid.errors import InputErrors, TopologyError
 from shipgrid.io.plot import plot
 from shipgrid.model.network import Network

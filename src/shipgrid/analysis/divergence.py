@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.model.component import STAGES, fields_of
 from shipgrid.model.kernel import uncompiled
 from shipgrid.solvers.conduction import unsettled

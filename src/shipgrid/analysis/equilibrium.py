@@ -24,8 +24,9 @@ from scipy.sparse.linalg import MatrixRankWarning, splu
 from shipgrid.analysis.equations import Equations, Point
 from shipgrid.analysis.steady_state import operating_point
 from shipgrid.assembly.hand_over import taken_over
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_modulators, settle_outputs
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.connections import DcBus
 

@@ -31,7 +31,8 @@ from scipy.sparse.linalg import splu
 from shipgrid.analysis.equilibrium import OperatingPoint, input_place, steady_state
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import ParameterError
 
 if TYPE_CHECKING:

@@ -17,9 +17,10 @@ from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.partition import Part
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import evaluate_outputs, settle_outputs
 from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
 from shipgrid.model.connections import DcBus

@@ -13,9 +13,11 @@ from functools import cache
 
 import numpy as np
 
-from shipgrid.assembly.plan import Plan, Workspace, assemble, new_workspace
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.schedule import WALKS
 from shipgrid.assembly.unit_text import table_places
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.model.kernel import argument_names, without_sign
 from shipgrid.model.network import Network
 

@@ -8,8 +8,9 @@ import time
 from collections.abc import Callable
 
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.tables import crew_arguments
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.solvers.crew import LISTENING, TURN, new_posts
 
 FOREVER = 2**62

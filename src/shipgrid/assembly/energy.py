@@ -7,10 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from shipgrid.assembly.layout import TypeLayout
-from shipgrid.assembly.plan import Plan, Workspace, axis_weight
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.stiff import capacitor_path
 from shipgrid.assembly.tables import type_views
 from shipgrid.assembly.unit_text import LEDGERS
+from shipgrid.assembly.workspace import Workspace
+from shipgrid.model.connections import axis_weight
 from shipgrid.model.kernel import argument_names, call_uncompiled
 from shipgrid.solvers.companion import GAMMA
 

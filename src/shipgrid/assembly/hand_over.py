@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_network, settle_outputs
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import TopologyError
 from shipgrid.model.component import parameters_of, type_of
 from shipgrid.model.connections import PortBinding

@@ -11,9 +11,10 @@ import numpy as np
 
 from shipgrid.assembly.layout import ONE, TypeLayout
 from shipgrid.assembly.line_end import LineEnd
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.tables import type_views
 from shipgrid.assembly.unit_text import NORTON
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.model.component import type_of
 from shipgrid.model.connections import PortBinding
 from shipgrid.model.kernel import argument_names, call_uncompiled

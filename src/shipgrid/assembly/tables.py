@@ -15,9 +15,10 @@ import numpy as np
 from shipgrid.assembly import code_store
 from shipgrid.assembly.core_text import core_arrays, moving_arrays, numbers_of
 from shipgrid.assembly.layout import Layout, TypeLayout
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.schedule import WALKS
 from shipgrid.assembly.unit_text import LEDGERS, NORTON, OPERATION, SHARED, unit_arrays
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.model.kernel import ArrayTable, TableRow, in_one_piece, without_sign
 from shipgrid.model.records import parameter_dtype, record_dtype
 from shipgrid.solvers.crew import new_posts

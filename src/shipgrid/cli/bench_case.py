@@ -98,7 +98,7 @@ def spell_times(plan: Any, work: Any, spells: int = SPELLS) -> dict[str, float]:
 
     from shipgrid.analysis.divergence import culprit
     from shipgrid.assembly.crew import Crew
-    from shipgrid.assembly.plan import CHUNK_ROWS
+    from shipgrid.assembly.workspace import CHUNK_ROWS
     from shipgrid.errors import SolverError
 
     steps = min(SPELL, min(plan.step.record_every, plan.step.slow_every) * (CHUNK_ROWS - 1))  # what the buffers hold

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.equipment.ship import Ship

@@ -88,6 +88,17 @@ class PortBinding:
     weight: float = 1.0
 
 
+def axis_weight(node: str) -> float:
+    """What energy at a node counts: 3/2 for one axis of a three-phase bus (amplitude-invariant), 1 for a DC bus.
+
+    Parameters
+    ----------
+    node : str
+        Path of its voltage.
+    """
+    return 1.5 if node.endswith((".v_alpha", ".v_beta")) else 1.0
+
+
 def is_three_phase(end: Any) -> bool:
     """Whether a connection is three-phase.
 

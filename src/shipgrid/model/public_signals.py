@@ -50,3 +50,13 @@ class Watched:
     source: str
     texts: Mapping[int, str]
     refusal: bool = False
+
+
+def terms_of(public: PublicSignal | Waveform) -> tuple[tuple[str, float], ...]:
+    """What a public quantity is the weighted sum of: paths, and what each is multiplied by.
+
+    Parameters
+    ----------
+    public : PublicSignal or Waveform
+    """
+    return public.terms if isinstance(public, Waveform) else ((public.source, 1.0),)

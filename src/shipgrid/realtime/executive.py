@@ -27,7 +27,8 @@ import numpy as np
 
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.crew import cores as usable
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import ParameterError, RealTimeError
 from shipgrid.model.kernel import CLOCKS
 from shipgrid.realtime import monitor

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.assembly.plan import Plan, terms_of
+from shipgrid.assembly.plan import Plan
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import InputErrors, SolverError
-from shipgrid.model.public_signals import PublicSignal, Waveform
+from shipgrid.model.public_signals import PublicSignal, Waveform, terms_of
 from shipgrid.scenarios.case import DEFAULT_STEP, build
 from shipgrid.scenarios.session import Run, run_until
 from shipgrid.scenarios.start import start

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from shipgrid.analysis.steady_state import carried_over
-from shipgrid.assembly.plan import Plan, Workspace, assemble
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import ParameterError, SolverError

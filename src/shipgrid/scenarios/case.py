@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from shipgrid.assembly.plan import Plan, assemble
+from shipgrid.assembly.assemble import assemble
+from shipgrid.assembly.plan import Plan
 from shipgrid.automation.power_management import equip
 from shipgrid.errors import ParameterError
 from shipgrid.model.network import FIDELITIES, Network

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shipgrid.analysis.equilibrium import OperatingPoint
-from shipgrid.assembly import plan as assembly
+from shipgrid.assembly.assemble import assemble as assemble_plan
 from shipgrid.assembly.energy import energy_balance, powers, stored_energy
 from shipgrid.assembly.hand_over import (
     places_to_set,
@@ -29,7 +29,8 @@ from shipgrid.assembly.hand_over import (
     remembered,
     same_plant,
 )
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.equipment.ship import Ship
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
 from shipgrid.model.frames import alpha_beta_to_abc
@@ -77,7 +78,7 @@ def assemble(network: Network, step: float = 30e-6) -> RunnablePlan:
     ParameterError
         If the step is too long for a sampled controller.
     """
-    return _runnable(assembly.assemble(network, step))
+    return _runnable(assemble_plan(network, step))
 
 
 def plan(ship: Ship, step: float = DEFAULT_STEP, fidelity: str = "averaged") -> RunnablePlan:

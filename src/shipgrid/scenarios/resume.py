@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import InputErrors
 from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.conclude import limiter_rows

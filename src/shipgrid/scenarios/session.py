@@ -26,7 +26,8 @@ from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.energy import energy_balance, stored_energy
 from shipgrid.assembly.hand_over import places_to_set, why_not_set
-from shipgrid.assembly.plan import CHUNK_ROWS, EVENTS, Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import CHUNK_ROWS, EVENTS, Workspace
 from shipgrid.errors import ParameterError, SolverError, TopologyError
 from shipgrid.names import nearest
 from shipgrid.scenarios import snapshot

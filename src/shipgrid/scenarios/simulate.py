@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 from shipgrid.assembly.crew import Crew
 from shipgrid.assembly.energy import stored_energy
-from shipgrid.assembly.plan import CHUNK_ROWS, Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import CHUNK_ROWS, Workspace
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
 from shipgrid.errors import ParameterError, SolverError

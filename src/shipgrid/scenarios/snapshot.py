@@ -27,7 +27,8 @@ import numpy as np
 
 import shipgrid
 from shipgrid.assembly.code_store import code_names
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import InputErrors
 from shipgrid.scenarios.output_folder import sync_folder
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.model.component import type_of
 from shipgrid.model.placed import Sampled
 from shipgrid.solvers.companion import state_space

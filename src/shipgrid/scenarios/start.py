@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from shipgrid.analysis.steady_state import carried_over, operating_point
 from shipgrid.assembly.hand_over import fill_delay_lines, places_to_start, set_time, settle, taken_over
-from shipgrid.assembly.plan import Plan, Workspace, new_workspace
+from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_outputs
+from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import InputErrors, ParameterError
 from shipgrid.names import nearest
 from shipgrid.scenarios.case import build

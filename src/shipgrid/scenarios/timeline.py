@@ -14,7 +14,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.automation.interlocks import PERIOD, Interlocks
 from shipgrid.automation.power_management import LowSocOperator
 from shipgrid.scenarios.conditions import ConditionalEntry, Conditions, Outcome

@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.assembly.plan import WAVE_ROWS, Plan, Workspace, terms_of
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import WAVE_ROWS, Workspace
 from shipgrid.errors import InputErrors
+from shipgrid.model.public_signals import terms_of
 from shipgrid.scenarios.recorder import Column
 
 FOREVER = 2**62

@@ -42,7 +42,8 @@ import numpy as np
 from scipy.integrate import Radau
 
 from shipgrid.assembly.layout import ONE, TypeLayout
-from shipgrid.assembly.plan import Plan, Workspace
+from shipgrid.assembly.plan import Plan
+from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
 from shipgrid.model.kernel import uncompiled
