@@ -22,7 +22,7 @@ from scipy.linalg import null_space
 
 from shipgrid.analysis.equations import Point
 from shipgrid.errors import ParameterError
-from shipgrid.solvers.reference import SINGULAR
+from shipgrid.solvers.reference_network import SINGULAR
 
 STEPS = "a current into a node where only inductances meet cannot step; ask for the response in frequency"
 
