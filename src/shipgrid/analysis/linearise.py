@@ -28,9 +28,9 @@ from scipy import sparse
 from scipy.linalg import expm, null_space
 from scipy.sparse.linalg import splu
 
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place, steady_state
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
+from shipgrid.analysis.steady_state import OperatingPoint, input_place, steady_state
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import ParameterError
 

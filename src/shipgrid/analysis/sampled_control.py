@@ -25,10 +25,10 @@ import numpy as np
 from scipy.linalg import expm
 
 from shipgrid.analysis.equations import Equations, Point, _Kernels, wrapped
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place
 from shipgrid.analysis.linearise import Response, state_names, without_turning
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import pencil_at, states_of
+from shipgrid.analysis.steady_state import OperatingPoint, input_place
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import ParameterError, SteadyStateError
 from shipgrid.model.component import STAGES

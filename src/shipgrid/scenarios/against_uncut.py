@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.analysis.steady_state import carried_over
+from shipgrid.analysis.settling import carried_over
 from shipgrid.assembly.plan import Plan, Workspace, assemble
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.automation.power_management import operator_of
