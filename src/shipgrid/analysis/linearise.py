@@ -30,6 +30,7 @@ from scipy.sparse.linalg import splu
 
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
+from shipgrid.analysis.point import Point
 from shipgrid.analysis.steady_state import OperatingPoint, input_place, steady_state
 from shipgrid.assembly.plan import Plan, Workspace
 from shipgrid.errors import ParameterError
@@ -72,7 +73,7 @@ class LinearModel:
         """Eigenvalues with the states that take part in each."""
         states = states_of(self.pencil)
         places = self.pencil.places[states.rows]
-        generators = [g[places] for g in self.pencil.point.generator()]
+        generators = [g[places] for g in self.point.equations.generators(self.point.sig)]
         A, basis, coordinates = without_turning(
             states.A, states.basis, states.coordinates, generators, places, self.point
         )
@@ -138,7 +139,7 @@ class LinearModel:
 
     def stirred(self, at: Sequence[str]) -> LinearModel:
         """The same with everything that commands or inputs act on, constants as they are otherwise."""
-        point = self.point.equations.at(self.point.sig, [input_place(self.plan, path) for path in at])
+        point = Point(self.point.equations, self.point.sig, [input_place(self.plan, path) for path in at])
         return LinearModel(self.plan, self.point, pencil_at(point, self.point.omega))
 
     def disturbance(self, at: str) -> np.ndarray:
@@ -226,7 +227,7 @@ def linearise(
         from shipgrid.analysis.sampled_control import sampled_model
 
         return sampled_model(plan, point, rate)
-    return LinearModel(plan, point, pencil_at(point.equations.at(point.sig), point.omega))
+    return LinearModel(plan, point, pencil_at(Point(point.equations, point.sig), point.omega))
 
 
 def state_names(point: OperatingPoint) -> dict[int, str]:

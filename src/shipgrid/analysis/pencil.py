@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
-from shipgrid.analysis.equations import Point
+from shipgrid.analysis.point import Point
 from shipgrid.errors import ParameterError
 from shipgrid.solvers.reference import SINGULAR
 

@@ -21,7 +21,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import MatrixRankWarning, splu
 
-from shipgrid.analysis.equations import Equations, Point
+from shipgrid.analysis.equations import Equations
+from shipgrid.analysis.point import Point
 from shipgrid.analysis.settling import run_to_rest
 from shipgrid.assembly.hand_over import taken_over
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
@@ -155,7 +156,7 @@ def steady_state(
     held = np.array([equations.alias[place_of(plan, path)] for path in hold], dtype=np.int64)
     freed = np.array([equations.alias[input_place(plan, path)] for path in free], dtype=np.int64)
     search = _Search(equations, held, np.array(list(hold.values())), freed)
-    point = equations.at(sig)
+    point = Point(equations, sig)
     for path, place in zip(free, freed, strict=True):
         if point.active[place]:
             raise SteadyStateError(f"'{path}' follows from the plant's equations: expected a command or an open input")
@@ -199,7 +200,7 @@ def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> 
         turned[island.angles] += TURN
     for _ in range(SWEEPS):
         _follow(equations, turned)
-    point = equations.at(turned)
+    point = Point(equations, turned)
     size = np.maximum(np.abs(sig), 1.0)
     for island in equations.islands:
         for a, b in island.pairs:
@@ -254,7 +255,7 @@ def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.
         for a, b in island.pairs:
             sig[a], sig[b] = _rotated(sig[a], sig[b], -angle)
         sig[island.angles] -= angle
-    point = equations.at(sig)
+    point = Point(equations, sig)
     rate = point.turned(omega)
     ahead = _time_to_next(equations.plan, work)
     for i, island in enumerate(equations.islands):
@@ -274,7 +275,7 @@ def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.
 
 def _follow(equations: Equations, sig: np.ndarray) -> None:
     """Bring outputs and what else follows from states and node voltages nearer, in place."""
-    point = equations.at(sig)
+    point = Point(equations, sig)
     follows = point.active & ~point.rates
     follows[list(equations.nodes)] = False
     sig[follows] += point.residual[follows]
@@ -327,10 +328,10 @@ class _Search:
     def newton(self, sig: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Signals, frequencies and the last step; None if the search fails."""
         try:
-            point = self.equations.at(sig)
+            point = Point(self.equations, sig)
         except SteadyStateError:
             return None
-        point = self.equations.at(self.equations.arrived(point))
+        point = Point(self.equations, point.arrived())
         quiet, norm = 0, self.norm(point, omega)
         for _ in range(ITERATIONS):
             stale = point.renewed & (point.residual != 0.0)
@@ -349,16 +350,16 @@ class _Search:
             self.point, self.omega, self.step = point, omega, step
             quiet = quiet + 1 if not np.any(stale & ~point.rates) else 0  # codes at rest; timers may run on
             if step < CONVERGED and (not np.any(stale) or quiet >= QUIET):
-                sig = self.equations.arrived(point)
+                sig = point.arrived()
                 if np.array_equal(sig, point.sig):
                     return sig, omega, step
-                point = self.equations.at(sig)  # a ramp has moved on: the rest follows
+                point = Point(self.equations, sig)  # a ramp has moved on: the rest follows
                 norm = self.norm(point, omega)
         return None
 
     def slowly(self, sig: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nearer to rest: implicit Euler steps in time that grow, which a stable plant follows from anywhere."""
-        point, tau = self.equations.at(self.equations.arrived(self.equations.at(sig))), FIRST_STEP
+        point, tau = Point(self.equations, Point(self.equations, sig).arrived()), FIRST_STEP
         for _ in range(LONGEST_SEARCH):
             move_sig, move_omega = self.move(point, omega, tau)
             found = self.after(point, move_sig)
@@ -378,7 +379,7 @@ class _Search:
         stale = point.renewed & (point.residual != 0.0)
         sig[stale] += np.where(point.period > 0.0, point.period, 1.0)[stale] * point.residual[stale]
         try:
-            return self.equations.at(sig)
+            return Point(self.equations, sig)
         except (SteadyStateError, ValueError, OverflowError):  # where it went there are no numbers
             return None
 
