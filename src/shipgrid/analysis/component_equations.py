@@ -6,8 +6,8 @@ for each of them, and once for the values.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,9 +16,8 @@ from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.kernel import argument_names, reads_time, uncompiled
-from shipgrid.model.records import names_of, parameter_dtype
+from shipgrid.model.records import COMPLEX_STEP, PlainRecord, names_of, parameter_dtype
 
-COMPLEX_STEP = 1e-40
 PROBE = 1e-9
 """Time [s] by which a state is moved on to see whether a limiter holds it."""
 
@@ -74,28 +73,16 @@ class Block:
         return np.concatenate([self.x, self.u])
 
 
-class _Record:
-    """Named numbers on plain objects, blocks nested: for a kernel that runs uncompiled much faster than a recarray."""
+def _stepped(values: np.ndarray, k: int) -> np.ndarray:
+    """Complex numbers, the one at `k` moved by the complex step."""
+    found = values.astype(complex)
+    found[k] += 1j * COMPLEX_STEP
+    return found
 
-    def __init__(self, names: list[str]):
-        self.top = SimpleNamespace()
-        self.slots: list[tuple[dict[str, Any], str]] = []
-        for name in names:
-            *blocks, last = name.split(".")
-            owner = self.top
-            for block in blocks:
-                if not hasattr(owner, block):
-                    setattr(owner, block, SimpleNamespace())
-                owner = getattr(owner, block)
-            self.slots.append((vars(owner), last))
-        self.write(np.zeros(len(names), dtype=complex))
 
-    def write(self, values: np.ndarray) -> None:
-        for (owner, name), value in zip(self.slots, values, strict=True):
-            owner[name] = value
-
-    def read(self) -> np.ndarray:
-        return np.array([owner[name] for owner, name in self.slots], dtype=complex)
+def _slope(values: np.ndarray) -> np.ndarray:
+    """Derivatives by what was moved."""
+    return np.imag(values) / COMPLEX_STEP
 
 
 class ComponentKernels:
@@ -108,6 +95,8 @@ class ComponentKernels:
         Of the component's type.
     k : int
         Number of the component in its type.
+    delays : ndarray, optional
+        Content of the plan's delay lines; if left out each line of the component holds what goes into it.
 
     Attributes
     ----------
@@ -122,43 +111,74 @@ class ComponentKernels:
         It has next states, not rates.
     late : dict of int to float
         Dead time [s] of the inputs that have one, by their number.
-
-    Raises
-    ------
-    SteadyStateError
-        If a kernel reads the time.
     """
 
-    def __init__(self, plan: Plan, t: TypeLayout, k: int):
+    def __init__(self, plan: Plan, t: TypeLayout, k: int, delays: np.ndarray | None = None):
         kind, placed = t.kind, t.placed[k]
-        self.plan, self.kind, self.path = plan, kind, placed.path
+        self.kind, self.path = kind, placed.path
         self.clock = int(plan.clock_of[kind.key][k])
         self.period = float(plan.periods[self.clock])
         self.x = np.arange(t.x + k * t.nx, t.x + (k + 1) * t.nx)
         self.u = np.arange(t.u + k * t.nu, t.u + (k + 1) * t.nu)
         self.y = np.arange(t.y + k * t.ny, t.y + (k + 1) * t.ny)
         parts = {"x": kind.state, "x_next": kind.state, "dx": kind.state, "u": kind.input, "y": kind.output}
-        self.named = {name: _Record(names_of(record)) for name, record in parts.items()}
+        self.named = {name: PlainRecord(names_of(record), 0j) for name, record in parts.items()}
         width = len(t.parameters) // len(t.placed)
-        p = _Record(list(parameter_dtype(kind.cls).names or ()))
+        p = PlainRecord(parameter_dtype(kind.cls).names or (), 0j)
         p.write(t.parameters[k * width : (k + 1) * width].astype(complex))
         self.parameters = p.top
         self.records: dict[str, Any] = {name: record.top for name, record in self.named.items()}
-        self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top}
+        self.records |= {"t": 0.0, "dt": self.period, "tables": plan.step.tables, "p": p.top, "delays": delays}
         self.sampled = "update" in kind.kernels
-        reads = [name for name in ("derivatives", "outputs", "update") if reads_time(kind.kernels.get(name))]
-        if reads:
-            raise SteadyStateError(
-                f"no operating point: '{self.path}' ({kind.name}) reads the time in `{reads[0]}`; "
-                "expected a state in its place, for an angle one that `rotates`"
-            )
         late = getattr(placed.item, "dead_times", dict)()
         names = names_of(kind.input)
         self.late = {names.index(name): seconds for name, seconds in late.items()}
+        self.holds_input = delays is None and bool(self.late)
+
+    def refuse_time(self) -> None:
+        """Refuse a component that never rests.
+
+        Raises
+        ------
+        SteadyStateError
+            If a kernel reads the time.
+        """
+        kernels = self.kind.kernels
+        reads = [name for name in ("derivatives", "outputs", "update") if reads_time(kernels.get(name))]
+        if reads:
+            raise SteadyStateError(
+                f"no operating point: '{self.path}' ({self.kind.name}) reads the time in `{reads[0]}`; "
+                "expected a state in its place, for an angle one that `rotates`"
+            )
 
     def _call(self, name: str) -> None:
         kernel = self.kind.kernels[name]
         uncompiled(kernel)(*[self.records[argument] for argument in argument_names(kernel)])
+
+    def _read(self, name: str) -> np.ndarray:
+        return np.array(self.named[name].read(), dtype=complex)
+
+    def rate(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Rates of the states, or next states; none of a component that has neither.
+
+        Parameters
+        ----------
+        x, u : ndarray of complex
+            States and inputs.
+        """
+        self.named["x"].write(x)
+        self.named["u"].write(u)
+        if self.holds_input:
+            self.records["delays"] = _Line(u[next(iter(self.late))])
+        if self.sampled:
+            self.named["x_next"].write(x)
+            self._call("update")
+            return self._read("x_next")
+        if "derivatives" not in self.kind.kernels:
+            return np.zeros(0, dtype=complex)
+        self.named["dx"].write(0.0 * x)
+        self._call("derivatives")
+        return self._read("dx")
 
     def evaluate(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (or next states) and outputs.
@@ -168,26 +188,29 @@ class ComponentKernels:
         x, u, y : ndarray of complex
             States, inputs, and outputs so far.
         """
-        named = self.named
-        named["x"].write(x)
-        named["u"].write(u)
-        named["y"].write(y)
-        if self.late:
-            self.records["delays"] = _Line(u[next(iter(self.late))])
-        kernels = self.kind.kernels
-        rate = np.zeros(0, dtype=complex)
+        self.named["y"].write(y)
+        rate = self.rate(x, u)
         if self.sampled:
-            named["x_next"].write(x)
-            self._call("update")
-            rate = named["x_next"].read()
-            named["x"].write(rate)  # outputs, where there are any beside, are those of the new state
-        elif "derivatives" in kernels:
-            named["dx"].write(0.0 * x)
-            self._call("derivatives")
-            rate = named["dx"].read()
-        if "outputs" in kernels:
+            self.named["x"].write(rate)  # outputs, where there are any beside, are those of the new state
+        if "outputs" in self.kind.kernels:
             self._call("outputs")
-        return rate, named["y"].read()
+        return rate, self._read("y")
+
+    def rate_by_states(self, x: np.ndarray, u: np.ndarray, free: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Rates (or next states) of some states, and their derivatives by these.
+
+        Parameters
+        ----------
+        x, u : ndarray
+            States and inputs.
+        free : sequence of int
+            Numbers of the states.
+        """
+        rate = np.real(self.rate(x.astype(complex), u.astype(complex)))[free]
+        by_state = np.empty((len(free), len(free)))
+        for column, k in enumerate(free):
+            by_state[:, column] = _slope(self.rate(_stepped(x, k), u.astype(complex)))[free]
+        return rate, by_state
 
     def limited(self, x: np.ndarray, u: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Which states the limiter holds: a moment on, it makes them the same whatever they are.
@@ -202,12 +225,10 @@ class ComponentKernels:
             return held
         base = x + PROBE * rate
         for k in range(len(x)):
-            stepped = base.astype(complex)
-            stepped[k] += 1j * COMPLEX_STEP
-            self.named["x"].write(stepped)
+            self.named["x"].write(_stepped(base, k))
             self.named["u"].write(u.astype(complex))
             self._call("limit")
-            held[k] = not self.named["x"].read()[k].imag
+            held[k] = not self._read("x")[k].imag
         return held
 
     def block(self, sig: np.ndarray, alias: np.ndarray) -> Block:
@@ -225,14 +246,12 @@ class ComponentKernels:
         u = sig[source]
         y = y.astype(complex)
         rate, output = self.evaluate(x.astype(complex), u.astype(complex), y)
-        n, m = len(x), len(u)
-        by_rate, by_output = np.zeros((len(rate), n + m)), np.zeros((len(output), n + m))
-        for k in range(n + m):
-            xs, us = x.astype(complex), u.astype(complex)
-            (xs if k < n else us)[k if k < n else k - n] += 1j * COMPLEX_STEP
-            stepped_rate, stepped_output = self.evaluate(xs, us, y)
-            by_rate[:, k] = np.imag(stepped_rate) / COMPLEX_STEP
-            by_output[:, k] = np.imag(stepped_output) / COMPLEX_STEP
+        both, n = np.concatenate([x, u]), len(x)
+        by_rate, by_output = np.zeros((len(rate), len(both))), np.zeros((len(output), len(both)))
+        for k in range(len(both)):
+            stepped = _stepped(both, k)
+            stepped_rate, stepped_output = self.evaluate(stepped[:n], stepped[n:], y)
+            by_rate[:, k], by_output[:, k] = _slope(stepped_rate), _slope(stepped_output)
         held = self.limited(x, u, np.real(rate)) if len(rate) else np.zeros(n, dtype=bool)
         return Block(
             self.path, self.sampled, self.period, self.x, self.y, self.u,

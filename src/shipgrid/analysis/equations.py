@@ -127,6 +127,8 @@ class Equations:
             if not t.kind.linear and set(t.kind.kernels) & {"derivatives", "update", "outputs"}
             for k in range(len(t.placed))
         ]
+        for kernels in self.kernels:
+            kernels.refuse_time()
         self.owner = np.full(self.size, -1)  # which of these kernels a state or output is of
         for number, kernels in enumerate(self.kernels):
             self.owner[kernels.x] = self.owner[kernels.y] = number

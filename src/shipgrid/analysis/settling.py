@@ -11,26 +11,29 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shipgrid.analysis.component_equations import ComponentKernels
 from shipgrid.analysis.divergence import culprit
 from shipgrid.assembly.code_store import core
-from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.partition import Part
 from shipgrid.assembly.plan import Plan, Workspace, new_workspace
 from shipgrid.assembly.start import evaluate_outputs, settle_outputs
 from shipgrid.assembly.tables import arguments
 from shipgrid.errors import SteadyStateError
 from shipgrid.model.component import fields_of
-from shipgrid.model.kernel import call_uncompiled
 from shipgrid.model.network import DcBus
-from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
-
-COMPLEX_STEP = 1e-40
 
 
 def advance(plan: Plan, work: Workspace, seconds: float) -> None:
     """Run on by some seconds, recording nothing; many short times are faster with `advancing`.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Goes on.
+    seconds : float
+        How far [s].
 
     Raises
     ------
@@ -41,7 +44,14 @@ def advance(plan: Plan, work: Workspace, seconds: float) -> None:
 
 
 def advancing(plan: Plan, work: Workspace) -> Callable[[float], None]:
-    """`advance` of a plant, as a function of the seconds alone."""
+    """`advance` of a plant, as a function of the seconds alone.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Goes on with every call.
+    """
     entry, values = core(), arguments(plan, work)
 
     def advance(seconds: float) -> None:
@@ -60,43 +70,24 @@ def advancing(plan: Plan, work: Workspace) -> Callable[[float], None]:
 
 
 def continuous_newton(plan: Plan, work: Workspace) -> None:
-    """Put every continuous state where its component's own derivatives vanish, the inputs as they are."""
+    """Put every continuous state where its component's own derivatives vanish, the inputs as they are.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        Its states are moved.
+    """
     for t in plan.layout.types:
         if "derivatives" not in t.kind.kernels or t.kind.terminals or not t.nx:
             continue
         free = [k for k, f in enumerate(fields_of(t.kind.state)) if not (f.signal.rotates or f.signal.counts)]
         for i in range(len(t.placed)):
-            x = work.sig[t.x + i * t.nx : t.x + (i + 1) * t.nx]
-            residual = _rates(plan, work, t, i, x.astype(complex)).real[free]
-            jacobian = np.empty((len(free), len(free)))
-            for column, k in enumerate(free):
-                stepped = x.astype(complex)
-                stepped[k] += 1j * COMPLEX_STEP
-                jacobian[:, column] = _rates(plan, work, t, i, stepped).imag[free] / COMPLEX_STEP
-            move = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
+            kernels = ComponentKernels(plan, t, i, work.step.delays)
+            rate, by_state = kernels.rate_by_states(work.sig[kernels.x], work.sig[kernels.u], free)
+            move = np.linalg.lstsq(by_state, -rate, rcond=1e-9)[0]
             if np.all(np.isfinite(move)):
-                x[free] += move
-
-
-def _rates(plan: Plan, work: Workspace, t: TypeLayout, i: int, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Derivatives of the states `x` of the i-th component of a type, with the parameters and inputs it has now."""
-    kind = t.kind
-    u = work.sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]
-    dx = make_record(kind.state, scalar="c16")
-    values = {
-        "t": 0.0,
-        "x": make_record(kind.state, dict(zip(names_of(kind.state), x, strict=True)), "c16"),
-        "u": make_record(kind.input, dict(zip(names_of(kind.input), u, strict=True)), "c16"),
-        "dx": dx,
-        "tables": plan.step.tables,
-        "delays": work.step.delays,
-    }
-    if len(t.parameters):
-        width = len(t.parameters) // len(t.placed)
-        p = t.parameters[i * width : (i + 1) * width].astype("c16")
-        values["p"] = p.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0]
-    call_uncompiled(kind.kernels["derivatives"], values)
-    return flat_of(dx)
+                work.sig[kernels.x[free]] += move
 
 
 def run_to_rest(
@@ -249,7 +240,14 @@ def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace) -> Non
 
 
 def fresh(plan: Plan, work: Workspace) -> Workspace:
-    """The same state with the clock at zero and empty logs."""
+    """The same state with the clock at zero and empty logs.
+
+    Parameters
+    ----------
+    plan : Plan
+    work : Workspace
+        The state itself, no copy.
+    """
     work.n = 0
     for of, piece in zip((*plan.parts, plan), (*work.parts, work), strict=True):
         piece.step.booked[:] = of.step.audit_every == 1

@@ -32,10 +32,9 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -47,11 +46,10 @@ from shipgrid.errors import SolverError
 from shipgrid.model.component import STAGES
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.ops import wrap
-from shipgrid.model.records import names_of, parameter_dtype
+from shipgrid.model.records import COMPLEX_STEP, PlainRecord, names_of, parameter_dtype
 from shipgrid.solvers.companion import StateSpace, state_space
 from shipgrid.solvers.reference_diodes import Condition, Diodes
 
-COMPLEX_STEP = 1e-40
 DIFFERENCE = 1e-7
 """Relative step of the Jacobian's forward differences: half the digits."""
 UNIT_SCALE = {"V": 10.0, "A": 10.0}
@@ -187,46 +185,6 @@ class _Clocks:
         return found
 
 
-@cache
-def _uncompiled(function: Any) -> Any:
-    """A kernel as a plain Python function that calls plain Python functions."""
-    plain = getattr(function, "py_func", function)
-    around = dict(plain.__globals__)
-    for name in plain.__code__.co_names:
-        if hasattr(around.get(name), "py_func"):
-            around[name] = _uncompiled(around[name])
-    return types.FunctionType(plain.__code__, around, plain.__name__, plain.__defaults__, plain.__closure__)
-
-
-class _Record:
-    """Named numbers on plain Python objects, the blocks nested, in the order of the flat vector."""
-
-    def __init__(self, names: Sequence[str]):
-        self.top = types.SimpleNamespace()
-        self.flat = not any("." in name for name in names)
-        self.names = list(names)
-        self.slots = []
-        for name in names:
-            *blocks, last = name.split(".")
-            owner = self.top
-            for block in blocks:
-                if not hasattr(owner, block):
-                    setattr(owner, block, types.SimpleNamespace())
-                owner = getattr(owner, block)
-            self.slots.append((owner.__dict__, last))
-            setattr(owner, last, np.float64(0.0))
-
-    def write(self, values: Iterable[Any]) -> None:
-        if self.flat:
-            self.top.__dict__.update(zip(self.names, values, strict=True))
-        else:
-            for (owner, name), value in zip(self.slots, values, strict=True):
-                owner[name] = value
-
-    def read(self) -> list[Any]:
-        return [owner[name] for owner, name in self.slots]
-
-
 class _Instance:
     """One component in its place: its records, and its kernels called with them."""
 
@@ -239,14 +197,14 @@ class _Instance:
         self.ys = slice(t.y + k * t.ny, t.y + (k + 1) * t.ny)
         self.clock = int(plan.clock_of[kind.key][k])
         records = {"x": kind.state, "u": kind.input, "y": kind.output, "dx": kind.state, "x_next": kind.state}
-        self.records = {key: _Record(names_of(record)) for key, record in records.items()}
-        p = _Record(parameter_dtype(kind.cls).names or ())
+        self.records = {key: PlainRecord(names_of(record), np.float64(0.0)) for key, record in records.items()}
+        p = PlainRecord(parameter_dtype(kind.cls).names or (), np.float64(0.0))
         p.write(t.parameters[k * len(p.names) : (k + 1) * len(p.names)])
         self.values: dict[str, Any] = {key: record.top for key, record in self.records.items()}
         self.values |= {"p": p.top, "tables": plan.step.tables, "delays": delays, "t": 0.0}
         self.kernels = {}
         for name, kernel in kind.kernels.items():
-            function = _uncompiled(kernel)
+            function = uncompiled(kernel)
             self.kernels[name] = (function, function.__code__.co_varnames[: function.__code__.co_argcount])
         if not kind.linear:
             gather = plan.gathers[kind.key]
