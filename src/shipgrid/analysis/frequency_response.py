@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from shipgrid.analysis.linearise import LinearModel
+from shipgrid.analysis.small_signal_plots import draw_response
 from shipgrid.errors import ParameterError
 from shipgrid.model.network import DcBus
 
@@ -84,9 +85,7 @@ class FrequencyResponse:
         -------
         pair of matplotlib axes
         """
-        from shipgrid.analysis.small_signal_plots import draw_response
-
-        return draw_response(self, axes, **style)
+        return draw_response(self.frequency, self.value, self.name, axes, **style)
 
 
 def _between(x: np.ndarray, y: np.ndarray, k: int, target: float) -> float:

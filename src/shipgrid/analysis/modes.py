@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eig
 
+from shipgrid.analysis.small_signal_plots import draw_modes
+
 TWINS = 0.01
 SWINGS = 0.9
 """Damping ratio below which an oscillation is seen as one."""
@@ -64,6 +66,13 @@ class Mode:
             if total >= 0.5 or len(found) == 4:
                 break
         return found
+
+    @property
+    def label(self) -> str:
+        """Its name in a figure: the states that take part most, and its frequency or time constant."""
+        oscillation = f"{self.frequency:.3g} Hz, ζ {self.damping:.2f}"
+        size = oscillation if self.eigenvalue.imag else f"τ {self.time_constant:.3g} s"
+        return f"{', '.join(self.states[:2])}  ({size})"
 
     def __str__(self) -> str:
         shares = ", ".join(f"{name} {100.0 * self.participation[name]:.0f} %" for name in self.states)
@@ -158,9 +167,9 @@ class Modes:
         -------
         matplotlib axes
         """
-        from shipgrid.analysis.small_signal_plots import draw_modes
-
-        return draw_modes(self, axes, label=label, window=window)
+        values = np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
+        named = [(mode.eigenvalue, mode.label) for mode in self.dominant(label)]
+        return draw_modes(values, named, axes, window=window)
 
 
 def modes_of(

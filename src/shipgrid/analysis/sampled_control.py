@@ -26,11 +26,12 @@ from scipy.linalg import expm
 
 from shipgrid.analysis.component_equations import ComponentKernels
 from shipgrid.analysis.equations import Equations
-from shipgrid.analysis.linearise import Response, state_names, without_turning
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import pencil_at, states_of
 from shipgrid.analysis.point import Point, wrapped
 from shipgrid.analysis.steady_state import OperatingPoint, input_place
+from shipgrid.analysis.step_response import Response
+from shipgrid.analysis.turning import state_names, without_turning
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import ParameterError, SteadyStateError
 from shipgrid.model.component import STAGES
