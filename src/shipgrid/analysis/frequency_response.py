@@ -47,7 +47,13 @@ class FrequencyResponse:
     name: str
 
     def at(self, frequency: float) -> Any:
-        """Value at the frequency [Hz] nearest to one."""
+        """Value at the frequency [Hz] nearest to one.
+
+        Parameters
+        ----------
+        frequency : float
+            The one [Hz].
+        """
         return self.value[int(np.argmin(np.abs(self.frequency - frequency)))]
 
     def margins(self) -> tuple[float, float]:

@@ -51,7 +51,13 @@ class Island:
 
 
 def other_axis(name: str) -> str | None:
-    """Name of the beta component that belongs to the alpha component `name`, if it is one."""
+    """Name of the beta component that belongs to the alpha component `name`, if it is one.
+
+    Parameters
+    ----------
+    name : str
+        Of a field or signal.
+    """
     head, _, last = name.rpartition(".")
     parts = last.split("_")
     if "alpha" not in parts:
@@ -61,7 +67,12 @@ def other_axis(name: str) -> str | None:
 
 
 def pairs_of(names: list[str]) -> list[tuple[int, int]]:
-    """Positions of the pairs among field names."""
+    """Positions of the pairs among field names.
+
+    Parameters
+    ----------
+    names : list of str
+    """
     found = []
     for k, name in enumerate(names):
         beta = other_axis(name)
@@ -71,7 +82,12 @@ def pairs_of(names: list[str]) -> list[tuple[int, int]]:
 
 
 def axis_twin(path: str) -> str | None:
-    """Path of the beta element that belongs to a per-axis element `path.alpha`."""
+    """Path of the beta element that belongs to a per-axis element `path.alpha`.
+
+    Parameters
+    ----------
+    path : str
+    """
     return f"{path.removesuffix('.alpha')}.beta" if path.endswith(".alpha") else None
 
 
@@ -188,7 +204,15 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
 
 
 def owner_key(path: str, linear: bool) -> str:
-    """Name under which a component stands in an island: both axes of a three-phase element under one."""
+    """Name under which a component stands in an island: both axes of a three-phase element under one.
+
+    Parameters
+    ----------
+    path : str
+        Of the component.
+    linear : bool
+        Whether it is a linear element: only those have an axis each.
+    """
     return path.rpartition(".")[0] if linear and path.endswith((".alpha", ".beta")) else path
 
 

@@ -122,12 +122,23 @@ class LinearModel:
     # what the functions of `frequency_response` are made of
 
     def stirred(self, at: Sequence[str]) -> LinearModel:
-        """The same with everything that commands or inputs act on, constants as they are otherwise."""
+        """The same with everything that commands or inputs act on, constants as they are otherwise.
+
+        Parameters
+        ----------
+        at : sequence of str
+            Paths of the commands or inputs.
+        """
         point = Point(self.point.equations, self.point.sig, [input_place(self.plan, path) for path in at])
         return LinearModel(self.plan, self.point, pencil_at(point, self.point.omega))
 
     def disturbance(self, at: str) -> np.ndarray:
         """Column of a unit disturbance of an input, beside what it is connected to; or of a command or open input.
+
+        Parameters
+        ----------
+        at : str
+            Path of the input or command.
 
         Raises
         ------
@@ -142,18 +153,44 @@ class LinearModel:
         return column
 
     def injection(self, node: str) -> np.ndarray:
-        """Column of a unit current [A] into a node: a DC bus, or one axis of an AC bus."""
+        """Column of a unit current [A] into a node: a DC bus, or one axis of an AC bus.
+
+        Parameters
+        ----------
+        node : str
+            Path of the node.
+        """
         e, place = self.point.equations, self.plan.layout.place(node, "a current")
         column = np.zeros(len(self.pencil.places))
         column[self.pencil.row(place)] = 1.0 / (e.nodes[place][0] or 1.0)
         return column
 
     def signal_row(self, path: str) -> int:
-        """Number of a signal among the unknowns; of what an input reads."""
+        """Number of a signal among the unknowns; of what an input reads.
+
+        Parameters
+        ----------
+        path : str
+            Of the signal or input.
+        """
         return self.pencil.row(int(self.point.equations.inner[input_place(self.plan, path)]))
 
     def respond(self, B: np.ndarray, rows: Sequence[int], frequency: np.ndarray) -> np.ndarray:
-        """Responses of unknowns (`rows`) to columns `B` at frequencies [Hz]: shape (frequency, rows, columns)."""
+        """Responses of unknowns to disturbances.
+
+        Parameters
+        ----------
+        B : ndarray
+            A column for each disturbance.
+        rows : sequence of int
+            Numbers of the unknowns.
+        frequency : ndarray
+            Frequencies [Hz].
+
+        Returns
+        -------
+        ndarray of complex, shape (frequencies, rows, columns)
+        """
         E = sparse.diags(self.pencil.rates.astype(complex)).tocsc()
         found = np.empty((len(frequency), len(rows), B.shape[1]), dtype=complex)
         for k, f in enumerate(frequency):

@@ -115,12 +115,24 @@ class Modes:
         return all(mode.eigenvalue.real < 0.0 for mode in self.modes)
 
     def nearest(self, eigenvalue: complex) -> Mode:
-        """The mode whose eigenvalue is nearest to one [1/s]."""
+        """The mode whose eigenvalue is nearest to one [1/s].
+
+        Parameters
+        ----------
+        eigenvalue : complex
+            Either of a pair.
+        """
         wanted = complex(eigenvalue.real, abs(eigenvalue.imag))
         return min(self.modes, key=lambda mode: abs(mode.eigenvalue - wanted))
 
     def of(self, state: str) -> list[Mode]:
-        """Modes in which a state (or any state of a component) takes a tenth or more, the largest share first."""
+        """Modes in which a state (or any state of a component) takes a tenth or more, the largest share first.
+
+        Parameters
+        ----------
+        state : str
+            Path of the state or of the component.
+        """
 
         def share(mode: Mode) -> float:
             parts = (p for name, p in mode.participation.items() if name == state or name.startswith(f"{state}."))
@@ -129,7 +141,13 @@ class Modes:
         return sorted((mode for mode in self.modes if share(mode) >= 0.1), key=share, reverse=True)
 
     def without(self, *parts: str) -> Modes:
-        """The modes in which none of these components (with all that is under their paths) takes half or more."""
+        """The modes in which none of these components (with all that is under their paths) takes half or more.
+
+        Parameters
+        ----------
+        *parts : str
+            Paths of the components.
+        """
 
         def share(mode: Mode) -> float:
             return sum(p for name, p in mode.participation.items() if name.startswith(tuple(f"{x}." for x in parts)))
@@ -140,6 +158,11 @@ class Modes:
         """The `n` modes that are seen longest: least damped and slowest oscillations and slowest of all.
 
         Of modes that are the same to 1 % (those of twins) one is taken.
+
+        Parameters
+        ----------
+        n : int
+            How many.
         """
         distinct: list[Mode] = []
         for mode in self.modes:

@@ -55,6 +55,11 @@ class Pencil:
     def row(self, place: int) -> int:
         """Number of a place among the unknowns; of a sampled state that which others see.
 
+        Parameters
+        ----------
+        place : int
+            Among all signals.
+
         Raises
         ------
         ParameterError

@@ -133,7 +133,14 @@ class SampledModel:
 
 
 def sampled_model(plan: Plan, point: OperatingPoint, rate: float | None) -> SampledModel:
-    """The model (2) of a plant; arguments as in `linearise`.
+    """The model (2) of a plant.
+
+    Parameters
+    ----------
+    plan : Plan
+    point : OperatingPoint
+    rate : float, optional
+        Of the clock [Hz]; that of the plant's modulators if left out.
 
     Raises
     ------

@@ -102,7 +102,13 @@ class OperatingPoint:
 
 
 def place_of(plan: Plan, path: str) -> int:
-    """Place of a signal, a command or a public signal."""
+    """Place of a signal, a command or a public signal.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : str
+    """
     if path in plan.network.published:
         path = plan.network.published[path].source
     elif f"command:{path}" in plan.layout.index:
@@ -111,7 +117,13 @@ def place_of(plan: Plan, path: str) -> int:
 
 
 def input_place(plan: Plan, path: str) -> int:
-    """Place of a component's input itself, not of what it is connected to; of a command or signal otherwise."""
+    """Place of a component's input itself, not of what it is connected to; of a command or signal otherwise.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : str
+    """
     return plan.layout.slots.get(("u", path), -1) if ("u", path) in plan.layout.slots else place_of(plan, path)
 
 
@@ -312,7 +324,14 @@ def _time_to_next(plan: Plan, work: Workspace) -> np.ndarray:
 
 
 def jacobian(point: Point, omega: np.ndarray) -> sparse.csr_matrix:
-    """Derivatives of the turned residual by all places, inputs handed to their sources."""
+    """Derivatives of the turned residual by all places, inputs handed to their sources.
+
+    Parameters
+    ----------
+    point : Point
+    omega : ndarray
+        Frequency [rad/s] of each island.
+    """
     rows, columns, values = point.rotation(omega)
     size = point.equations.size
     return point.matrix() @ point.seen() + sparse.csr_matrix((values, (rows, columns)), shape=(size, size))
