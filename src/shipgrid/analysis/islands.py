@@ -175,7 +175,17 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
                     groups.join(owner[source], key)
                     turning.add(key)
                     break  # it may look at another island too, as a synchroniser does: its own is the one named first
+    return _members(plan, groups, turning, placed_in)
 
+
+def _members(
+    plan: Plan,
+    groups: _Groups,
+    turning: set[str],
+    placed_in: list[tuple[str, Placed, list[str], list[str], list[int], int, int]],
+) -> list[Island]:
+    """The islands with their pairs, angles and buses, from what is joined with what and which of it turns."""
+    network, layout = plan.network, plan.layout
     islands: dict[str, Island] = {}
 
     def island(key: str) -> Island:
