@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.analysis.settling import advance, run_to_rest
 from shipgrid.scenarios.case import build
 
 
@@ -30,7 +30,7 @@ def main() -> None:
     chosen = parser.parse_args()
     ship = sg.load_ship("ferry")
     plan = build(ship, 90e-6)
-    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    work, _ = run_to_rest(plan, sg.load_scenario("mission").start_commands(ship))
     points = {"batteries": sg.steady_state(plan, start=work)}
     work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
     advance(plan, work, 25.0)

@@ -17,7 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.analysis.settling import advance, run_to_rest
 from shipgrid.scenarios.case import build
 
 
@@ -26,7 +26,7 @@ def loaded_ferry() -> sg.OperatingPoint:
     """Operating point of the ferry at its mooring, genset fore on the bus."""
     ship = sg.load_ship("ferry")
     plan = build(ship, 90e-6)
-    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    work, _ = run_to_rest(plan, sg.load_scenario("mission").start_commands(ship))
     work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
     advance(plan, work, 25.0)
     return sg.steady_state(plan, start=work)

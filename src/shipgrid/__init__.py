@@ -28,10 +28,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from shipgrid import units
-    from shipgrid.analysis.equilibrium import OperatingPoint, steady_state
     from shipgrid.analysis.frequency_response import FrequencyResponse, impedance, loop_gain
     from shipgrid.analysis.linearise import LinearModel, linearise
     from shipgrid.analysis.modes import Mode, Modes
+    from shipgrid.analysis.steady_state import OperatingPoint, steady_state
     from shipgrid.components.converters.two_level_bridge import HalfBridge, TwoLevelBridge
     from shipgrid.components.electrical.breaker import Breaker
     from shipgrid.components.electrical.capacitor import Capacitor
@@ -164,10 +164,10 @@ __all__ = [
 ]
 
 _HOMES = {
-    "shipgrid.analysis.equilibrium": ("OperatingPoint", "steady_state"),
     "shipgrid.analysis.frequency_response": ("FrequencyResponse", "impedance", "loop_gain"),
     "shipgrid.analysis.linearise": ("LinearModel", "linearise"),
     "shipgrid.analysis.modes": ("Mode", "Modes"),
+    "shipgrid.analysis.steady_state": ("OperatingPoint", "steady_state"),
     "shipgrid.components.converters.two_level_bridge": ("HalfBridge", "TwoLevelBridge"),
     "shipgrid.components.electrical.breaker": ("Breaker",),
     "shipgrid.components.electrical.capacitor": ("Capacitor",),

@@ -20,8 +20,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import TypingError
 
 from scenarios.story import RING
-from shipgrid.analysis.equilibrium import steady_state
-from shipgrid.analysis.steady_state import operating_point
+from shipgrid.analysis.settling import run_to_rest
+from shipgrid.analysis.steady_state import steady_state
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.tables import arguments
@@ -436,7 +436,7 @@ def test_the_ferry_started_at_rest_stays_there():
     ship = load_ship("ferry")
     plan = build(ship, 30e-6)
     moored = {path: c.default if c.moored is None else c.moored for path, c in ship.commands.items()}
-    work, _ = operating_point(plan, moored)
+    work, _ = run_to_rest(plan, moored)
     slow = [n for n in plan.network.published if n.endswith((".v_dc", ".soc", ".f", ".u_ship"))]
     places = [plan.layout.index[plan.network.published[n].source] for n in slow]
     before = work.sig[places].copy()
@@ -466,7 +466,7 @@ def test_a_ferry_built_within_20_percent_of_the_bundled_one_comes_to_rest_and_st
     ship = load_ship("ferry", changes)
     plan = build(ship, 60e-6)
     moored = {path: c.default if c.moored is None else c.moored for path, c in ship.commands.items()}
-    work, drift = operating_point(plan, moored)
+    work, drift = run_to_rest(plan, moored)
     assert drift < 2e-4
     places = [plan.layout.index[plan.network.published[n].source] for n in ("dc_for.v_dc", "ac_for.f", "ac_aft.f")]
     before = work.sig[places].copy()

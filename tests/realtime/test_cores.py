@@ -9,7 +9,7 @@ from test_live_runs import ASKED, HURRY, busy, manned
 
 from scenarios.killed_runs import case, simulate
 from scenarios.test_resume import same
-from shipgrid.analysis.steady_state import carried_over
+from shipgrid.analysis.settling import carried_over
 from shipgrid.errors import InputErrors
 from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import session

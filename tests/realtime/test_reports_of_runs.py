@@ -11,7 +11,7 @@ from test_live_runs import HURRY, ask, manned, waited
 
 from scenarios.killed_runs import case, simulate
 from scenarios.test_resume import interrupt_at, killed_in_the_middle
-from shipgrid.analysis.steady_state import carried_over
+from shipgrid.analysis.settling import carried_over
 from shipgrid.errors import SolverError
 from shipgrid.realtime.executive import Executive
 from shipgrid.scenarios import session

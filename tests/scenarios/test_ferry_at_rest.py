@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import advance, advancing, operating_point
+from shipgrid.analysis.settling import advance, advancing, run_to_rest
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.plan import Plan
@@ -52,7 +52,7 @@ def scale(plan: Plan, name: str) -> float:
 
 def test_a_run_started_at_the_operating_point_stays_there(ship, commands):
     plan = build(ship, 30e-6)
-    work, drift = operating_point(plan, commands)
+    work, drift = run_to_rest(plan, commands)
     assert drift < 2e-4
     first = means(plan, work, 0.5)
     advance(plan, work, 4.0)
@@ -64,7 +64,7 @@ def test_a_run_started_at_the_operating_point_stays_there(ship, commands):
 
 def test_moored_plant_gives_what_the_hotel_load_takes(ship, commands):
     plan = build(ship, 30e-6)
-    work, _ = operating_point(plan, commands)
+    work, _ = run_to_rest(plan, commands)
     now = means(plan, work, 0.5)
     for side in ("for", "aft"):
         # droop in both: 3.413 A/V
@@ -84,7 +84,7 @@ def test_moored_plant_gives_what_the_hotel_load_takes(ship, commands):
 def with_a_genset(ship, commands, step: float) -> tuple[Plan, Workspace, dict[str, float]]:
     """Genset fore started from moored and loaded by the droop; its reactive loop (0.13 1/s) has a minute."""
     plan = build(ship, step)
-    work, _ = operating_point(plan, commands)
+    work, _ = run_to_rest(plan, commands)
     work.sig[plan.layout.index["command:genset_for.on"]] = 1.0
     advance(plan, work, 65.0)
     return plan, work, means(plan, work, 1.0)
@@ -139,7 +139,7 @@ def carried_over(plan: Plan, other: Plan, settled: Workspace) -> Workspace:
 def at_10_kn(ship, commands):
     """10 kn on one genset with recharge, settled at 90 us; the ship is put near its speed, not sailed there."""
     plan = plan_of(ship, 90e-6)
-    work, _ = operating_point(plan, commands)
+    work, _ = run_to_rest(plan, commands)
     index = plan.layout.index
     work.sig[index["command:genset_for.on"]] = 1.0
     advance(plan, work, 15.0)
@@ -187,7 +187,7 @@ def test_settled_means_at_10_kn_do_not_depend_on_the_step(ship, at_10_kn):
 def test_hard_transients_stay_far_from_what_counts_as_absurd(ship, commands):
     """So that the check for absurd values gives no false alarm: everything that can be done to the plant at once."""
     plan = build(ship, 90e-6)
-    work, _ = operating_point(plan, commands)
+    work, _ = run_to_rest(plan, commands)
     entry, values = core(), arguments(plan, work)
     largest = np.zeros(len(work.sig))
     full_ahead = {"propulsion_for.speed_ref": 5.1, "propulsion_aft.speed_ref": 5.1}
@@ -216,7 +216,7 @@ def test_two_runs_are_bit_identical(ship, commands):
     found = []
     for _ in range(2):
         plan = build(ship, 100e-6)
-        work, _ = operating_point(plan, commands)
+        work, _ = run_to_rest(plan, commands)
         work.sig[plan.layout.index["command:propulsion_for.speed_ref"]] = 1.0
         advance(plan, work, 2.0)
         found.append(work.sig.copy())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.analysis.settling import carried_over, run_to_rest
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import code_names
 from shipgrid.assembly.crew import Crew
@@ -25,7 +25,7 @@ def moored():
     """Plan of the uncut ferry, its state at rest, and the plan of the ferry in three parts."""
     ship = sg.load_ship("ferry")
     plan = build(ship, H)
-    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    work, _ = run_to_rest(plan, sg.load_scenario("mission").start_commands(ship))
     net = Network("ferry")
     ship.build(net)
     return plan, work, assemble(net, H, parts=propose(net, 3, H))

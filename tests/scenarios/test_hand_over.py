@@ -14,7 +14,7 @@ import pytest
 
 import shipgrid as sg
 from scenarios.story import Story
-from shipgrid.analysis.steady_state import fresh, operating_point
+from shipgrid.analysis.settling import fresh, run_to_rest
 from shipgrid.automation.interlocks import Interlocks
 from shipgrid.controllers.ship_speed import ShipSpeed, demand
 from shipgrid.scenarios.case import build
@@ -34,7 +34,7 @@ def under_way():
     """At 6.5 kn on both batteries in droop, set to that speed and let settle."""
     ship = sg.load_ship("ferry")
     plan = build(ship, STEP)
-    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    work, _ = run_to_rest(plan, sg.load_scenario("mission").start_commands(ship))
     index = plan.layout.index
     shaft = SPEED / 6.0 * 184.0 / 450.0  # 184 rpm at 6 kn
     thrust = demand.py_func(shaft, ShipSpeed().y_0)

@@ -7,7 +7,7 @@ import pytest
 
 import shipgrid as sg
 from scenarios.story import Story
-from shipgrid.analysis.steady_state import operating_point
+from shipgrid.analysis.settling import run_to_rest
 from shipgrid.scenarios.case import build
 
 SIDES = ("for", "aft")
@@ -21,7 +21,7 @@ def story():
     ship = sg.load_ship("ferry")
     plan = build(ship, STEP)
     commands = sg.load_scenario("mission").start_commands(ship)
-    work, _ = operating_point(plan, commands | {"dc_tie.close": 0.0, "ac_tie.close": 0.0})
+    work, _ = run_to_rest(plan, commands | {"dc_tie.close": 0.0, "ac_tie.close": 0.0})
     story = Story(ship, plan=plan, work=work, every=EVERY, watch=AXES, interlocks=True)
     story.asked = {}
     for what, commands, seconds in (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.equations import pade
+from shipgrid.analysis.dead_time import pade
 from shipgrid.analysis.modes import Mode, Modes, modes_of
 from shipgrid.components.electrical.cable import dc_cable
 from shipgrid.components.electrical.rl_branch import RlBranch

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import advance, advancing, operating_point
+from shipgrid.analysis.settling import advance, advancing, run_to_rest
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.tables import arguments
 from shipgrid.scenarios.case import build
@@ -20,7 +20,7 @@ H = 90e-6
 def moored():
     ship = sg.load_ship("ferry")
     plan = build(ship, H)
-    work, _ = operating_point(plan, sg.load_scenario("mission").start_commands(ship))
+    work, _ = run_to_rest(plan, sg.load_scenario("mission").start_commands(ship))
     return plan, work, sg.steady_state(plan, start=work)
 
 

@@ -11,9 +11,9 @@ import math
 import numpy as np
 import pytest
 
-from shipgrid.analysis.equilibrium import steady_state
 from shipgrid.analysis.linearise import linearise
-from shipgrid.analysis.steady_state import advancing
+from shipgrid.analysis.settling import advancing
+from shipgrid.analysis.steady_state import steady_state
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.tables import arguments
 from shipgrid.controllers.grid_forming import GridForming

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import shipgrid as sg
-from shipgrid.analysis.steady_state import operating_point
+from shipgrid.analysis.settling import run_to_rest
 from shipgrid.assembly import crew as crew_module
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import code_names
@@ -215,7 +215,7 @@ def test_a_plant_in_one_piece_has_a_crew_of_one():
 
 def test_a_plant_in_parts_is_refused_where_it_would_look_empty():
     with pytest.raises(TopologyError, match="is cut into parts, expected the plant in one piece"):
-        operating_point(chain(), {})
+        run_to_rest(chain(), {})
 
 
 def test_a_crew_spins_on_cores_of_its_own_and_yields_on_shared_ones():

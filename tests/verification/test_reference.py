@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from shipgrid.analysis.steady_state import advance, operating_point
+from shipgrid.analysis.settling import advance, run_to_rest
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.code_store import core
 from shipgrid.assembly.start import settle_outputs
@@ -270,7 +270,7 @@ def test_the_moored_ferry_under_a_propulsion_step_at_two_steps():
     found = []
     for step in (30e-6, 15e-6):
         plan = ferry(step)
-        work, _ = operating_point(plan, MOORED)
+        work, _ = run_to_rest(plan, MOORED)
         disturb(plan, work)
         found.append(difference(plan, work, 6e-3, names, rtol=RTOL))
     coarse, fine = found
@@ -283,7 +283,7 @@ def test_the_moored_ferry_under_a_propulsion_step_at_two_steps():
 def test_the_ferry_on_a_genset_under_a_propulsion_step(seconds):
     """The shorter run has 16 periods of the governor, 26 of the rectifier and half a cycle of the machine."""
     plan = ferry(30e-6)
-    work, _ = operating_point(plan, MOORED)
+    work, _ = run_to_rest(plan, MOORED)
     for command, value in (("genset_for.on", 1.0), ("bess_for.i_ref", -128.0), ("bess_aft.i_ref", -128.0)):
         work.sig[plan.layout.index[f"command:{command}"]] = value
     advance(plan, work, 16.0)

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from shipgrid.analysis.linearise import LinearModel
+from shipgrid.analysis.small_signal_plots import draw_response
 from shipgrid.errors import ParameterError
 from shipgrid.model.connections import DcBus
 
@@ -46,7 +47,13 @@ class FrequencyResponse:
     name: str
 
     def at(self, frequency: float) -> Any:
-        """Value at the frequency [Hz] nearest to one."""
+        """Value at the frequency [Hz] nearest to one.
+
+        Parameters
+        ----------
+        frequency : float
+            The one [Hz].
+        """
         return self.value[int(np.argmin(np.abs(self.frequency - frequency)))]
 
     def margins(self) -> tuple[float, float]:
@@ -84,9 +91,7 @@ class FrequencyResponse:
         -------
         pair of matplotlib axes
         """
-        from shipgrid.analysis.small_signal_plots import draw_response
-
-        return draw_response(self, axes, **style)
+        return draw_response(self.frequency, self.value, self.name, axes, **style)
 
 
 def _between(x: np.ndarray, y: np.ndarray, k: int, target: float) -> float:

@@ -52,7 +52,13 @@ class Island:
 
 
 def other_axis(name: str) -> str | None:
-    """Name of the beta component that belongs to the alpha component `name`, if it is one."""
+    """Name of the beta component that belongs to the alpha component `name`, if it is one.
+
+    Parameters
+    ----------
+    name : str
+        Of a field or signal.
+    """
     head, _, last = name.rpartition(".")
     parts = last.split("_")
     if "alpha" not in parts:
@@ -62,7 +68,12 @@ def other_axis(name: str) -> str | None:
 
 
 def pairs_of(names: list[str]) -> list[tuple[int, int]]:
-    """Positions of the pairs among field names."""
+    """Positions of the pairs among field names.
+
+    Parameters
+    ----------
+    names : list of str
+    """
     found = []
     for k, name in enumerate(names):
         beta = other_axis(name)
@@ -72,7 +83,12 @@ def pairs_of(names: list[str]) -> list[tuple[int, int]]:
 
 
 def axis_twin(path: str) -> str | None:
-    """Path of the beta element that belongs to a per-axis element `path.alpha`."""
+    """Path of the beta element that belongs to a per-axis element `path.alpha`.
+
+    Parameters
+    ----------
+    path : str
+    """
     return f"{path.removesuffix('.alpha')}.beta" if path.endswith(".alpha") else None
 
 
@@ -160,7 +176,17 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
                     groups.join(owner[source], key)
                     turning.add(key)
                     break  # it may look at another island too, as a synchroniser does: its own is the one named first
+    return _members(plan, groups, turning, placed_in)
 
+
+def _members(
+    plan: Plan,
+    groups: _Groups,
+    turning: set[str],
+    placed_in: list[tuple[str, Placed, list[str], list[str], list[int], int, int]],
+) -> list[Island]:
+    """The islands with their pairs, angles and buses, from what is joined with what and which of it turns."""
+    network, layout = plan.network, plan.layout
     islands: dict[str, Island] = {}
 
     def island(key: str) -> Island:
@@ -189,7 +215,15 @@ def find_islands(plan: Plan, alias: np.ndarray, opened: Iterable[str]) -> list[I
 
 
 def owner_key(path: str, linear: bool) -> str:
-    """Name under which a component stands in an island: both axes of a three-phase element under one."""
+    """Name under which a component stands in an island: both axes of a three-phase element under one.
+
+    Parameters
+    ----------
+    path : str
+        Of the component.
+    linear : bool
+        Whether it is a linear element: only those have an axis each.
+    """
     return path.rpartition(".")[0] if linear and path.endswith((".alpha", ".beta")) else path
 
 

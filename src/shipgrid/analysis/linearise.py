@@ -13,45 +13,30 @@ of a controller that acts at instants, x_next = P x + Q u, `method` says:
 
 `sampled`     Exact for the components on one clock: `sampled_control`. Those on other clocks are as above.
 
-A plant that turns evenly also rests in any other direction: each island has an eigenvalue at zero that says nothing.
-It is taken out by counting the island's angles from one of them.
+The eigenvalues at zero of islands that turn evenly are taken out (`turning`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import expm, null_space
+from scipy.linalg import expm
 from scipy.sparse.linalg import splu
 
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place, steady_state
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import Pencil, pencil_at, states_of
+from shipgrid.analysis.point import Point
+from shipgrid.analysis.sampled_control import SampledModel, sampled_model
+from shipgrid.analysis.steady_state import OperatingPoint, input_place, steady_state
+from shipgrid.analysis.step_response import Response
+from shipgrid.analysis.turning import state_names, without_turning
 from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import ParameterError
-
-if TYPE_CHECKING:
-    from shipgrid.analysis.sampled_control import SampledModel
-
-INVARIANT = 1e-6
-"""Turning an island counts as free if it changes no rate by more than this share of its terms (of its largest
-coefficient, where those vanish)."""
-
-
-@dataclass(frozen=True)
-class Response:
-    """Deviations from an operating point over time [s]."""
-
-    time: np.ndarray
-    signals: dict[str, np.ndarray]
-
-    def __getitem__(self, path: str) -> np.ndarray:
-        return self.signals[path]
 
 
 @dataclass(frozen=True)
@@ -73,7 +58,7 @@ class LinearModel:
         """Eigenvalues with the states that take part in each."""
         states = states_of(self.pencil)
         places = self.pencil.places[states.rows]
-        generators = [g[places] for g in self.pencil.point.generator()]
+        generators = [g[places] for g in self.point.equations.generators(self.point.sig)]
         A, basis, coordinates = without_turning(
             states.A, states.basis, states.coordinates, generators, places, self.point
         )
@@ -138,12 +123,23 @@ class LinearModel:
     # what the functions of `frequency_response` are made of
 
     def stirred(self, at: Sequence[str]) -> LinearModel:
-        """The same with everything that commands or inputs act on, constants as they are otherwise."""
-        point = self.point.equations.at(self.point.sig, [input_place(self.plan, path) for path in at])
+        """The same with everything that commands or inputs act on, constants as they are otherwise.
+
+        Parameters
+        ----------
+        at : sequence of str
+            Paths of the commands or inputs.
+        """
+        point = Point(self.point.equations, self.point.sig, [input_place(self.plan, path) for path in at])
         return LinearModel(self.plan, self.point, pencil_at(point, self.point.omega))
 
     def disturbance(self, at: str) -> np.ndarray:
         """Column of a unit disturbance of an input, beside what it is connected to; or of a command or open input.
+
+        Parameters
+        ----------
+        at : str
+            Path of the input or command.
 
         Raises
         ------
@@ -158,18 +154,44 @@ class LinearModel:
         return column
 
     def injection(self, node: str) -> np.ndarray:
-        """Column of a unit current [A] into a node: a DC bus, or one axis of an AC bus."""
+        """Column of a unit current [A] into a node: a DC bus, or one axis of an AC bus.
+
+        Parameters
+        ----------
+        node : str
+            Path of the node.
+        """
         e, place = self.point.equations, self.plan.layout.place(node, "a current")
         column = np.zeros(len(self.pencil.places))
         column[self.pencil.row(place)] = 1.0 / (e.nodes[place][0] or 1.0)
         return column
 
     def signal_row(self, path: str) -> int:
-        """Number of a signal among the unknowns; of what an input reads."""
+        """Number of a signal among the unknowns; of what an input reads.
+
+        Parameters
+        ----------
+        path : str
+            Of the signal or input.
+        """
         return self.pencil.row(int(self.point.equations.inner[input_place(self.plan, path)]))
 
     def respond(self, B: np.ndarray, rows: Sequence[int], frequency: np.ndarray) -> np.ndarray:
-        """Responses of unknowns (`rows`) to columns `B` at frequencies [Hz]: shape (frequency, rows, columns)."""
+        """Responses of unknowns to disturbances.
+
+        Parameters
+        ----------
+        B : ndarray
+            A column for each disturbance.
+        rows : sequence of int
+            Numbers of the unknowns.
+        frequency : ndarray
+            Frequencies [Hz].
+
+        Returns
+        -------
+        ndarray of complex, shape (frequencies, rows, columns)
+        """
         E = sparse.diags(self.pencil.rates.astype(complex)).tocsc()
         found = np.empty((len(frequency), len(rows), B.shape[1]), dtype=complex)
         for k, f in enumerate(frequency):
@@ -224,68 +246,5 @@ def linearise(
     if isinstance(point, Workspace):
         point = steady_state(plan, start=point)
     if method == "sampled":
-        from shipgrid.analysis.sampled_control import sampled_model
-
         return sampled_model(plan, point, rate)
-    return LinearModel(plan, point, pencil_at(point.equations.at(point.sig), point.omega))
-
-
-def state_names(point: OperatingPoint) -> dict[int, str]:
-    """Names of places, without the axis of a turning pair and the number of a dead time's state."""
-    names = {place: name.partition(" (dead time")[0] for place, name in point.equations.names.items()}
-    for island in point.equations.islands:
-        for pair in island.pairs:
-            for place, axis in zip(pair, ("alpha", "beta"), strict=True):
-                names[place] = names[place].replace(f".{axis}.", ".").replace(f"_{axis}", "").removesuffix(f".{axis}")
-    return names
-
-
-def without_turning(
-    A: np.ndarray,
-    basis: np.ndarray,
-    coordinates: np.ndarray,
-    generators: list[np.ndarray],
-    places: np.ndarray,
-    point: OperatingPoint,
-    fixed: float = 0.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Count the angles of each island that may point anywhere from one of them.
-
-    Parameters
-    ----------
-    A : ndarray
-        Matrix on coordinates.
-    basis, coordinates : ndarray
-        States from coordinates and back.
-    generators : list of ndarray
-        For each island, what turning it does to the states.
-    places : ndarray of int
-        Places of the states.
-    point : OperatingPoint
-    fixed : float
-        Eigenvalue of what does not change: 0 for rates, 1 for a period.
-    """
-    for island, g in zip(point.equations.islands, generators, strict=True):
-        angles = [int(np.flatnonzero(places == place)[0]) for place in island.angles if place in places]
-        if not angles:
-            continue
-        count = basis[angles[0]]  # the angle it is counted from, from the coordinates
-        turn = _at_rest(A - fixed * np.eye(len(A)), coordinates @ g, count)
-        if turn is None:
-            continue
-        keep = null_space(count[None, :])
-        back = keep.T @ (np.eye(len(turn)) - np.outer(turn, count) / (count @ turn))
-        A, basis, coordinates = back @ A @ keep, basis @ keep, back @ coordinates
-    return A, basis, coordinates
-
-
-def _at_rest(A: np.ndarray, turn: np.ndarray, count: np.ndarray) -> np.ndarray | None:
-    """The turn with what follows it (a meter that compares two islands sees it), if the plant rests after it."""
-    rows = 1.0 / np.maximum(np.max(np.abs(A), axis=1), 1e-300)
-    scaled = rows[:, None] * A
-    left = scaled @ turn
-    if np.any(np.abs(left) > INVARIANT):
-        columns = 1.0 / np.maximum(np.max(np.abs(scaled), axis=0), 1e-300)
-        with_count = np.vstack([scaled * columns, count * columns])
-        turn = turn + columns * np.linalg.lstsq(with_count, np.append(-left, 0.0), rcond=1e-10)[0]
-    return turn if np.all(np.abs(scaled @ turn) <= INVARIANT * (1.0 + np.abs(scaled) @ np.abs(turn))) else None
+    return LinearModel(plan, point, pencil_at(Point(point.equations, point.sig), point.omega))

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eig
 
+from shipgrid.analysis.small_signal_plots import draw_modes
+
 TWINS = 0.01
 SWINGS = 0.9
 """Damping ratio below which an oscillation is seen as one."""
@@ -65,6 +67,13 @@ class Mode:
                 break
         return found
 
+    @property
+    def label(self) -> str:
+        """Its name in a figure: the states that take part most, and its frequency or time constant."""
+        oscillation = f"{self.frequency:.3g} Hz, ζ {self.damping:.2f}"
+        size = oscillation if self.eigenvalue.imag else f"τ {self.time_constant:.3g} s"
+        return f"{', '.join(self.states[:2])}  ({size})"
+
     def __str__(self) -> str:
         shares = ", ".join(f"{name} {100.0 * self.participation[name]:.0f} %" for name in self.states)
         oscillation = f"{self.frequency:8.2f} Hz  zeta {self.damping:6.3f}" if self.eigenvalue.imag else " " * 24
@@ -106,12 +115,24 @@ class Modes:
         return all(mode.eigenvalue.real < 0.0 for mode in self.modes)
 
     def nearest(self, eigenvalue: complex) -> Mode:
-        """The mode whose eigenvalue is nearest to one [1/s]."""
+        """The mode whose eigenvalue is nearest to one [1/s].
+
+        Parameters
+        ----------
+        eigenvalue : complex
+            Either of a pair.
+        """
         wanted = complex(eigenvalue.real, abs(eigenvalue.imag))
         return min(self.modes, key=lambda mode: abs(mode.eigenvalue - wanted))
 
     def of(self, state: str) -> list[Mode]:
-        """Modes in which a state (or any state of a component) takes a tenth or more, the largest share first."""
+        """Modes in which a state (or any state of a component) takes a tenth or more, the largest share first.
+
+        Parameters
+        ----------
+        state : str
+            Path of the state or of the component.
+        """
 
         def share(mode: Mode) -> float:
             parts = (p for name, p in mode.participation.items() if name == state or name.startswith(f"{state}."))
@@ -120,7 +141,13 @@ class Modes:
         return sorted((mode for mode in self.modes if share(mode) >= 0.1), key=share, reverse=True)
 
     def without(self, *parts: str) -> Modes:
-        """The modes in which none of these components (with all that is under their paths) takes half or more."""
+        """The modes in which none of these components (with all that is under their paths) takes half or more.
+
+        Parameters
+        ----------
+        *parts : str
+            Paths of the components.
+        """
 
         def share(mode: Mode) -> float:
             return sum(p for name, p in mode.participation.items() if name.startswith(tuple(f"{x}." for x in parts)))
@@ -131,6 +158,11 @@ class Modes:
         """The `n` modes that are seen longest: least damped and slowest oscillations and slowest of all.
 
         Of modes that are the same to 1 % (those of twins) one is taken.
+
+        Parameters
+        ----------
+        n : int
+            How many.
         """
         distinct: list[Mode] = []
         for mode in self.modes:
@@ -158,9 +190,9 @@ class Modes:
         -------
         matplotlib axes
         """
-        from shipgrid.analysis.small_signal_plots import draw_modes
-
-        return draw_modes(self, axes, label=label, window=window)
+        values = np.array([mode.eigenvalue for mode in self.modes], dtype=complex)
+        named = [(mode.eigenvalue, mode.label) for mode in self.dominant(label)]
+        return draw_modes(values, named, axes, window=window)
 
 
 def modes_of(

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
-from shipgrid.analysis.equations import Point
+from shipgrid.analysis.point import Point
 from shipgrid.errors import ParameterError
 from shipgrid.solvers.reference_network import SINGULAR
 
@@ -54,6 +54,11 @@ class Pencil:
 
     def row(self, place: int) -> int:
         """Number of a place among the unknowns; of a sampled state that which others see.
+
+        Parameters
+        ----------
+        place : int
+            Among all signals.
 
         Raises
         ------

@@ -24,11 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from shipgrid.analysis.equations import Equations, Point, _Kernels, wrapped
-from shipgrid.analysis.equilibrium import OperatingPoint, input_place
-from shipgrid.analysis.linearise import Response, state_names, without_turning
+from shipgrid.analysis.component_equations import ComponentKernels
+from shipgrid.analysis.equations import Equations
 from shipgrid.analysis.modes import Modes, modes_of
 from shipgrid.analysis.pencil import pencil_at, states_of
+from shipgrid.analysis.point import Point, wrapped
+from shipgrid.analysis.steady_state import OperatingPoint, input_place
+from shipgrid.analysis.step_response import Response
+from shipgrid.analysis.turning import state_names, without_turning
 from shipgrid.assembly.plan import Plan
 from shipgrid.errors import ParameterError, SteadyStateError
 from shipgrid.model.component import STAGES
@@ -130,7 +133,14 @@ class SampledModel:
 
 
 def sampled_model(plan: Plan, point: OperatingPoint, rate: float | None) -> SampledModel:
-    """The model (2) of a plant; arguments as in `linearise`.
+    """The model (2) of a plant.
+
+    Parameters
+    ----------
+    plan : Plan
+    point : OperatingPoint
+    rate : float, optional
+        Of the clock [Hz]; that of the plant's modulators if left out.
 
     Raises
     ------
@@ -169,16 +179,16 @@ class _Period:
         e = self.equations = point.equations
         order = {t.kind.key: (STAGES.index(t.kind.stage), k) for k, t in enumerate(plan.ordered_types)}
         exact = [k for k in e.kernels if k.sampled and k.clock == clock and not k.late]
-        self.exact: list[_Kernels] = sorted(exact, key=lambda k: order[k.kind.key])
+        self.exact: list[ComponentKernels] = sorted(exact, key=lambda k: order[k.kind.key])
         modulators = [m for m in e.sampled_modulators if abs(m[1] - self.T) < 1e-9 * self.T]
         self.links = [(int(e.alias[source]), target) for _, _, links, _ in modulators for source, target in links]
-        at = e.at(point.sig, stirred)
+        at = Point(e, point.sig, stirred)
         places = np.concatenate([np.concatenate([k.x, k.y]) for k in self.exact] + [[t for _, t in self.links]])
         self.held = [int(place) for place in places.astype(int) if at.active[place]]
         self.active = at.active.copy()
 
     def at(self, sig: np.ndarray) -> Point:
-        found = self.equations.at(sig)
+        found = Point(self.equations, sig)
         found.active = self.active  # what is constant is so over the whole period
         return found
 
@@ -203,7 +213,7 @@ class _Period:
             after = self.values(after_sig, after_inside, places)
             missing = after - before
             missing[is_angle] = [wrapped(a) for a in missing[is_angle]]
-            generators = self.generators(after_sig, omega)
+            generators = e.generators(after_sig)
             coordinates, basis = states.coordinates, states.basis
             columns = [M - np.eye(len(M))] + [-T * generators[i][places][:, None] for i, _ in islands]
             J = np.hstack([coordinates @ columns[0] @ basis] + [coordinates @ c for c in columns[1:]])
@@ -219,7 +229,7 @@ class _Period:
                 omega[i] += move[basis.shape[1] + k]
             step = np.max(np.abs(dz) / np.maximum(np.abs(before), 1.0), initial=0.0)
             if step < CONVERGED:
-                found = self.generators(sig, omega)
+                found = e.generators(sig)
                 return SampledModel(self.plan, self.point, T, sig, omega, M, basis, coordinates, places, found)
             sig, inside = sig.copy(), inside.copy()
             n = len(places) - len(inside)
@@ -250,14 +260,6 @@ class _Period:
     def values(self, sig: np.ndarray, inside: np.ndarray, places: np.ndarray) -> np.ndarray:
         n = len(places) - len(inside)
         return np.concatenate([sig[places[:n]], inside])
-
-    def generators(self, sig: np.ndarray, omega: np.ndarray) -> list[np.ndarray]:
-        return Point.generator(self._view(sig))
-
-    def _view(self, sig: np.ndarray) -> Point:
-        view = object.__new__(Point)
-        view.equations, view.sig = self.equations, sig
-        return view
 
     def _start(self) -> np.ndarray:
         """The mean point, what is held turned back to when it was computed."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from shipgrid.errors import ShipgridError
-
-if TYPE_CHECKING:
-    from shipgrid.analysis.frequency_response import FrequencyResponse
-    from shipgrid.analysis.modes import Mode, Modes
 
 
 def _pyplot() -> Any:
@@ -21,32 +18,34 @@ def _pyplot() -> Any:
     return plt
 
 
-def mode_label(mode: Mode) -> str:
-    """What a mode is called in a figure: the states that take part most, and its frequency or time constant."""
-    size = f"{mode.frequency:.3g} Hz, ζ {mode.damping:.2f}" if mode.eigenvalue.imag else f"τ {mode.time_constant:.3g} s"
-    return f"{', '.join(mode.states[:2])}  ({size})"
-
-
 def draw_modes(
-    modes: Modes, axes: Any | None = None, *, label: int = 8, window: tuple[float, float] | None = None
+    eigenvalues: np.ndarray,
+    named: Sequence[tuple[complex, str]],
+    axes: Any | None = None,
+    *,
+    window: tuple[float, float] | None = None,
 ) -> Any:
     """Eigenvalues in the upper half plane, both axes linear near zero and logarithmic beyond.
 
     Parameters
     ----------
-    modes : Modes
+    eigenvalues : ndarray of complex
+        [1/s], of a pair the one above the axis.
+    named : sequence of (complex, str)
+        Eigenvalues that are numbered, and their names beside the figure.
     axes : matplotlib axes, optional
-    label : int
-        How many dominant modes are numbered, and named beside the figure.
+        Where; a new figure if left out.
     window : (float, float), optional
         Smallest real and largest imaginary part shown [1/s].
+
+    Returns
+    -------
+    matplotlib axes
     """
     if axes is None:
         _, axes = _pyplot().subplots(figsize=(9.0, 5.5), constrained_layout=True)
     assert axes is not None
-    values = np.array([mode.eigenvalue for mode in modes], dtype=complex)
-    sigma_of, omega_of = np.real(values), np.imag(values)
-    named = modes.dominant(label)
+    sigma_of, omega_of = np.real(eigenvalues), np.imag(eigenvalues)
     axes.plot(sigma_of, omega_of, "x", color="0.55", ms=5, mew=1.0)
     axes.set_xscale("symlog", linthresh=0.1)
     axes.set_yscale("symlog", linthresh=1.0)
@@ -59,9 +58,8 @@ def draw_modes(
     axes.plot(sigma, -sigma * np.sqrt(1.0 / zeta**2 - 1.0), lw=0.7, ls=":", color="0.6")
     axes.annotate("ζ 0.1", (sigma[120], -sigma[120] * 9.95), fontsize=7, color="0.5")
     axes.axvline(0.0, lw=0.8, color="tab:red")
-    for k, mode in enumerate(named, start=1):
-        z = mode.eigenvalue
-        axes.plot(z.real, z.imag, "x", color=f"C{(k - 1) % 10}", ms=8, mew=2.0, label=f"{k}  {mode_label(mode)}")
+    for k, (z, name) in enumerate(named, start=1):
+        axes.plot(z.real, z.imag, "x", color=f"C{(k - 1) % 10}", ms=8, mew=2.0, label=f"{k}  {name}")
         axes.annotate(str(k), (z.real, z.imag), xytext=(4, 5), textcoords="offset points", fontsize=8)
     axes.set_xlabel("real part, 1/s")
     axes.set_ylabel("imaginary part, rad/s")
@@ -70,26 +68,34 @@ def draw_modes(
     return axes
 
 
-def draw_response(response: FrequencyResponse, axes: Any | None = None, **style: Any) -> Any:
+def draw_response(frequency: np.ndarray, value: np.ndarray, name: str, axes: Any | None = None, **style: Any) -> Any:
     """Magnitude over phase; of a matrix, its diagonal.
 
     Parameters
     ----------
-    response : FrequencyResponse
+    frequency : ndarray
+        [Hz].
+    value : ndarray of complex, shape (n,) or (n, m, m)
+    name : str
+        What it is of, with its unit.
     axes : pair of matplotlib axes, optional
+        For magnitude and phase; a new figure if left out.
     **style
         Passed on to matplotlib.
+
+    Returns
+    -------
+    pair of matplotlib axes
     """
     if axes is None:
         _, axes = _pyplot().subplots(2, 1, sharex=True, figsize=(8.0, 6.0), constrained_layout=True)
     assert axes is not None
     magnitude, phase = axes
-    value = response.value
     if value.ndim > 1:
         value = np.stack([value[:, k, k] for k in range(value.shape[1])], axis=1)
-    magnitude.loglog(response.frequency, np.abs(value), **style)
-    phase.semilogx(response.frequency, np.degrees(np.unwrap(np.angle(value), axis=0)), **style)
-    magnitude.set_ylabel(response.name)
+    magnitude.loglog(frequency, np.abs(value), **style)
+    phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(value), axis=0)), **style)
+    magnitude.set_ylabel(name)
     phase.set_ylabel("phase, degrees")
     phase.set_xlabel("frequency, Hz")
     for axis in axes:

@@ -1,267 +1,311 @@
-"""Where a plant comes to rest: an operating point found with the equations that run it.
+"""Operating points by Newton's method: where a plant, seen from frames that turn with it, stands still.
 
-There is no second copy of any equation. The plant runs with its commands standing until every sequence has arrived;
-then, in turn, slow continuous states are put where their own derivatives vanish (a Newton step with exact derivatives
-by complex step) and the fast rest follows by running on, until a probe run shows that nothing drifts any more.
+The unknowns are those of `equations`, and the frequency of each AC island; the angle of the first rotor or controller
+of an island is given, since it means nothing. Any signal may be held at a value if as many commands or open inputs are
+set free: "the choke carries 100 A; find the duty ratio".
+
+A plant with sequences (gensets that start, contactors that close) has many points of rest, most of them switched off.
+So the search starts where the plant itself has come to rest under its commands (`run_to_rest`), unless it is given
+another start; Newton's method then takes out what the run leaves: slow drifts, and the sawtooth that sampling puts on
+everything.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shipgrid.analysis.divergence import culprit
-from shipgrid.assembly.code_store import core
-from shipgrid.assembly.layout import TypeLayout
-from shipgrid.assembly.partition import Part
+from shipgrid.analysis.equations import Equations
+from shipgrid.analysis.newton_search import NewtonSearch, largest_coefficients
+from shipgrid.analysis.point import Point
+from shipgrid.analysis.settling import run_to_rest
+from shipgrid.assembly.hand_over import taken_over
 from shipgrid.assembly.plan import Plan
-from shipgrid.assembly.start import evaluate_outputs, settle_outputs
-from shipgrid.assembly.tables import arguments
+from shipgrid.assembly.start import settle_modulators, settle_outputs
 from shipgrid.assembly.workspace import Workspace, new_workspace
 from shipgrid.errors import SteadyStateError
-from shipgrid.model.component import fields_of
 from shipgrid.model.connections import DcBus
-from shipgrid.model.kernel import call_uncompiled
-from shipgrid.model.records import flat_of, make_record, names_of, parameter_dtype
 
-COMPLEX_STEP = 1e-40
+ORDER, ORDER_LINE = 3, 4
+"""Orders of the Pade quotients for the dead time of a modulation, and for that of a delay line."""
+TURN, EVENLY = 1.0, 1e-6
+"""Angle [rad] by which a plant is turned to see whether it rests in any direction; what is then off, of its size."""
+SWEEPS = 4
+"""Times that all outputs are evaluated before the search, each from those before."""
 
 
-def advance(plan: Plan, work: Workspace, seconds: float) -> None:
-    """Run on by some seconds, recording nothing; many short times are faster with `advancing`.
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A plant at rest.
 
-    Raises
-    ------
-    SteadyStateError
-        If the run diverges.
+    Attributes
+    ----------
+    plan : Plan
+    equations : Equations
+    sig : ndarray
+        Every signal, the vectors of each island in its own turning frame (`alpha` is d, `beta` is q).
+    omega : ndarray
+        Angular frequency [rad/s] of each AC island, in the order of the equations' islands; `frequency` has names.
+    error : float
+        Last step of Newton's method, relative to the size of the signals.
     """
-    advancing(plan, work)(seconds)
+
+    plan: Plan
+    equations: Equations
+    sig: np.ndarray
+    omega: np.ndarray
+    error: float
+
+    @property
+    def frequency(self) -> dict[str, float]:
+        """Frequency [Hz] of each AC island."""
+        return {i.name: float(w) / (2.0 * np.pi) for i, w in zip(self.equations.islands, self.omega, strict=True)}
+
+    def __getitem__(self, path: str) -> float:
+        """Value of a signal."""
+        return float(self.sig[self.equations.alias[place_of(self.plan, path)]])
+
+    def workspace(self) -> Workspace:
+        """A workspace from which a run goes on at this point.
+
+        Sampled controllers sample at its first instant; the modulations that are in force until then are the means.
+        """
+        work = new_workspace(self.plan)
+        n = self.plan.layout.size
+        work.sig[:] = self.sig[self.equations.inner[:n]]
+        for _, _, links, states in self.equations.sampled_modulators:
+            work.sig[states] = [self.sig[target] for _, target in links]
+        for t in self.plan.layout.types:
+            if hasattr(t.kind.cls, "delay_length"):
+                for k, kernels in enumerate(k for k in self.equations.kernels if k.kind is t.kind):
+                    first = int(kernels.parameters.line.real)
+                    cells = t.placed[k].item.delay_length(kernels.period)
+                    work.step.delays[first : first + cells] = self.sig[self.equations.inner[kernels.u[0]]]
+        settle_modulators(self.plan, work)
+        work.step.previous[:] = work.sig
+        work.step.watched_was[:] = work.sig[self.plan.step.watched]
+        return work
 
 
-def advancing(plan: Plan, work: Workspace) -> Callable[[float], None]:
-    """`advance` of a plant, as a function of the seconds alone."""
-    entry, values = core(), arguments(plan, work)
-
-    def advance(seconds: float) -> None:
-        left = round(seconds / plan.h)
-        while left > 0:
-            n = min(left, 64 * min(plan.step.record_every, plan.step.slow_every))
-            done = entry(n, work.n, *values)
-            work.n += abs(done)
-            if done < 0:
-                raise SteadyStateError(f"no operating point: the run towards it {culprit(plan, work)}")
-            work.step.rows[:] = 0
-            work.step.event_count[0] = 0
-            left -= n
-
-    return advance
-
-
-def continuous_newton(plan: Plan, work: Workspace) -> None:
-    """Put every continuous state where its component's own derivatives vanish, the inputs as they are."""
-    for t in plan.layout.types:
-        if "derivatives" not in t.kind.kernels or t.kind.terminals or not t.nx:
-            continue
-        free = [k for k, f in enumerate(fields_of(t.kind.state)) if not (f.signal.rotates or f.signal.counts)]
-        for i in range(len(t.placed)):
-            x = work.sig[t.x + i * t.nx : t.x + (i + 1) * t.nx]
-            residual = _rates(plan, work, t, i, x.astype(complex)).real[free]
-            jacobian = np.empty((len(free), len(free)))
-            for column, k in enumerate(free):
-                stepped = x.astype(complex)
-                stepped[k] += 1j * COMPLEX_STEP
-                jacobian[:, column] = _rates(plan, work, t, i, stepped).imag[free] / COMPLEX_STEP
-            move = np.linalg.lstsq(jacobian, -residual, rcond=1e-9)[0]
-            if np.all(np.isfinite(move)):
-                x[free] += move
-
-
-def _rates(plan: Plan, work: Workspace, t: TypeLayout, i: int, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Derivatives of the states `x` of the i-th component of a type, with the parameters and inputs it has now."""
-    kind = t.kind
-    u = work.sig[t.u + i * t.nu : t.u + (i + 1) * t.nu]
-    dx = make_record(kind.state, scalar="c16")
-    values = {
-        "t": 0.0,
-        "x": make_record(kind.state, dict(zip(names_of(kind.state), x, strict=True)), "c16"),
-        "u": make_record(kind.input, dict(zip(names_of(kind.input), u, strict=True)), "c16"),
-        "dx": dx,
-        "tables": plan.step.tables,
-        "delays": work.step.delays,
-    }
-    if len(t.parameters):
-        width = len(t.parameters) // len(t.placed)
-        p = t.parameters[i * width : (i + 1) * width].astype("c16")
-        values["p"] = p.view(parameter_dtype(kind.cls, "c16")).view(np.recarray)[0]
-    call_uncompiled(kind.kernels["derivatives"], values)
-    return flat_of(dx)
-
-
-def operating_point(
-    plan: Plan, commands: Mapping[str, float], *, tolerance: float = 2e-4, longest: float = 30.0
-) -> tuple[Workspace, float]:
-    """Bring a plant to rest under standing commands.
+def place_of(plan: Plan, path: str) -> int:
+    """Place of a signal, a command or a public signal.
 
     Parameters
     ----------
     plan : Plan
-    commands : mapping of str to float
+    path : str
+    """
+    if path in plan.network.published:
+        path = plan.network.published[path].source
+    elif f"command:{path}" in plan.layout.index:
+        path = f"command:{path}"
+    return plan.layout.place(path, "operating point")
+
+
+def input_place(plan: Plan, path: str) -> int:
+    """Place of a component's input itself, not of what it is connected to; of a command or signal otherwise.
+
+    Parameters
+    ----------
+    plan : Plan
+    path : str
+    """
+    return plan.layout.slots.get(("u", path), -1) if ("u", path) in plan.layout.slots else place_of(plan, path)
+
+
+def steady_state(
+    plan: Plan,
+    commands: Mapping[str, float] | None = None,
+    *,
+    hold: Mapping[str, float] | None = None,
+    free: Iterable[str] = (),
+    start: Workspace | OperatingPoint | Mapping[str, float] | None = None,
+) -> OperatingPoint:
+    """Operating point of a plant.
+
+    Parameters
+    ----------
+    plan : Plan
+    commands : mapping of str to float, optional
         Commands, by path, that stand.
-    tolerance : float
-        Largest drift [per second] of any state of a controller or a continuous component, relative to its size (or to
-        1, if that is larger). The default lets a battery's voltage follow the charge it gives.
-    longest : float
-        Simulated time [s] after which the search gives up.
+    hold : mapping of str to float, optional
+        Signals that have to have a value.
+    free : iterable of str
+        As many commands or unconnected inputs, whose values are found.
+    start : Workspace, OperatingPoint or mapping of str to float, optional
+        Where the search starts: a plant at rest or nearly so, or values of signals with all others at their declared
+        initial values (DC buses at nominal voltage). If left out the plant is run until it comes to rest.
 
     Returns
     -------
-    work : Workspace
-        At rest, its step count and its logs at zero, everything that counts (charge, distance) at its initial value.
-    drift : float
-        The drift that is left.
+    OperatingPoint
 
     Raises
     ------
     SteadyStateError
-        If it does not come to rest: names the signal that drifts most.
+        If there is none, or the search does not find it: names the worst equations and the limiters that act.
     """
-    plan.refuse_parts()
-    work = new_workspace(plan)
+    hold, free, commands = dict(hold or {}), list(free), dict(commands or {})
+    if len(hold) != len(free):
+        raise SteadyStateError(f"{len(hold)} signals are held and {len(free)} set free: expected as many")
+    work = _start(plan, commands, start)
+    equations = Equations(plan, work.sig, order=ORDER, order_line=ORDER_LINE)
+    sig, omega = _first_guess(equations, work)
+    held = np.array([equations.alias[place_of(plan, path)] for path in hold], dtype=np.int64)
+    freed = np.array([equations.alias[input_place(plan, path)] for path in free], dtype=np.int64)
+    search = NewtonSearch(equations, held, np.array(list(hold.values())), freed)
+    point = Point(equations, sig)
+    for path, place in zip(free, freed, strict=True):
+        if point.active[place]:
+            raise SteadyStateError(f"'{path}' follows from the plant's equations: expected a command or an open input")
+    found = search.newton(sig, omega) or search.newton(*search.slowly(sig, omega))
+    if found is None:
+        raise SteadyStateError(search.complaint())
+    conducting = equations.conducting(found[0])
+    if conducting:
+        raise SteadyStateError(
+            f"no operating point: {conducting}; there is none with diodes that conduct, expected driven gates or a run"
+        )
+    _check_turning(equations, found[0], found[1])
+    point = OperatingPoint(plan, equations, *found)
+    _settle_modulators(point)
+    return point
+
+
+def _settle_modulators(point: OperatingPoint) -> None:
+    """Bring what modulators put out up to the point: bounds of legs, and whether they are limited."""
+    work, layout = point.workspace(), point.plan.layout
+    for t in (t for t in layout.types if "modulate" in t.kind.kernels):
+        own = slice(t.y, t.y + t.ny * len(t.placed))
+        point.sig[own] = work.sig[own]
+
+
+def _check_turning(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:
+    """A plant that turns evenly rests in any direction; one with unbalance or harmonics in one direction at most.
+
+    Raises
+    ------
+    SteadyStateError
+        If it does not rest once all its vectors and angles are turned: names where.
+    """
+    plan = equations.plan
+    if not equations.islands or any(sig[plan.layout.index[path]] > 0.5 for path in plan.limiter_paths):
+        return  # at the edge of a limit rounding decides which side a turned point is on
+    turned = sig.copy()
+    for island in equations.islands:
+        for a, b in island.pairs:
+            turned[a], turned[b] = _rotated(sig[a], sig[b], TURN)
+        turned[island.angles] += TURN
+    for _ in range(SWEEPS):
+        _follow(equations, turned)
+    point = Point(equations, turned)
+    size = np.maximum(np.abs(sig), 1.0)
+    for island in equations.islands:
+        for a, b in island.pairs:
+            size[a] = size[b] = max(np.hypot(sig[a], sig[b]), 1.0)
+    error = np.where(point.active, np.abs(point.turned(omega)) / largest_coefficients(point) / size, 0.0)
+    worst = int(np.argmax(error))
+    if error[worst] > EVENLY:
+        raise SteadyStateError(
+            f"no operating point: {equations.names[worst]} does not turn evenly with its island (off by "
+            f"{100.0 * error[worst]:.2g} % where the frame is turned): is something unbalanced, or has harmonics?"
+        )
+
+
+def _start(
+    plan: Plan, commands: dict[str, float], start: Workspace | OperatingPoint | Mapping[str, float] | None
+) -> Workspace:
+    start = start.workspace() if isinstance(start, OperatingPoint) else start
+    if isinstance(start, Workspace):
+        work = taken_over(start, plan)
+    elif start is None:
+        return run_to_rest(plan, commands)[0]
+    else:
+        work = new_workspace(plan)
+        for bus in plan.network.buses.values():
+            if isinstance(bus, DcBus):
+                work.sig[plan.layout.index[bus.nodes[0]]] = bus.v_n
+        for path, value in start.items():
+            work.sig[place_of(plan, path)] = value
     for path, value in commands.items():
-        work.sig[plan.layout.place(f"command:{path}", "start")] = value
-    for bus in plan.network.buses.values():
-        if isinstance(bus, DcBus):
-            work.sig[plan.layout.index[bus.nodes[0]]] = bus.v_n
-    settle_outputs(plan, work)
-    watched = _settling(plan)
-    places = np.array([k for _, k in watched], dtype=np.int64)
-    pattern = _pattern(plan)
-    counting = _counting(plan)
-    started = work.sig[counting].copy()
-
-    worst, name = np.inf, ""
-    run_on = advancing(plan, work)
-    run_on(2.0)
-    while work.n * plan.h < longest:
-        continuous_newton(plan, work)
-        run_on(0.5)
-        work.sig[counting] = started
-        before = work.sig[places].copy()
-        run_on(pattern)
-        after = work.sig[places]
-        drifts = np.abs(after - before) / np.maximum(np.abs(after), 1.0) / pattern
-        worst = float(np.max(drifts, initial=0.0))  # a plant without controllers has none that drifts
-        name = watched[int(np.argmax(drifts))][0] if watched else ""
-        if worst < tolerance:
-            break
-    _count_from(plan, work, started)
-    if not worst < tolerance:
-        drift = f"{name} still drifts by {worst:.2g} of itself a second"
-        raise SteadyStateError(f"no operating point in {longest:g} s: {drift}")
-    return fresh(plan, work), worst
-
-
-def _pattern(plan: Plan) -> float:
-    """Time [s] after which sampling instants fall into steps in the same pattern again: probes compare like with like.
-
-    A modulation held over a sampling period while the current turns on leaves a sawtooth in each bridge's power.
-    """
-    dens = [int(d) for i, d in zip(plan.step.clock_inc, plan.step.clock_den, strict=True) if i > 1]
-    steps = math.lcm(*dens) if dens else 1
-    return max(1, round(0.1 / (steps * plan.h))) * steps * plan.h
-
-
-def _settling(plan: Plan) -> list[tuple[str, int]]:
-    """Paths and places of the states that have to come to rest: those of controllers and continuous components.
-
-    Meters are left out (they see the sawtooth), and so are network states, which turn with the grid.
-    """
-    found = []
-    for t in plan.layout.types:
-        if t.kind.terminals or t.kind.stage in ("measure", "modulate", "supervise") or not t.nx:
-            continue
-        for k, f in enumerate(fields_of(t.kind.state)):
-            if not (f.signal.rotates or f.signal.counts):
-                found += [(f"{placed.path}.{f.name}", t.x + i * t.nx + k) for i, placed in enumerate(t.placed)]
-    return found
-
-
-def _counting(plan: Plan) -> np.ndarray:
-    """Places of the states that only count."""
-    found = []
-    for t in plan.layout.types:
-        for k, f in enumerate(fields_of(t.kind.state) if t.nx else []):
-            if f.signal.counts:
-                found += [t.x + i * t.nx + k for i in range(len(t.placed))]
-    return np.array(found, dtype=np.int64)
-
-
-def _count_from(plan: Plan, work: Workspace, counted: np.ndarray) -> None:
-    """Let what counts begin at these values, and what is read of it agree with them."""
-    work.sig[_counting(plan)] = counted
-    for t in plan.layout.types:
-        if t.nx and any(f.signal.counts for f in fields_of(t.kind.state)):
-            evaluate_outputs(plan, work, t)
-
-
-def carried_over(plan: Plan, work: Workspace, to: Plan) -> Workspace:
-    """The state of one plan as the start of another of the same plant: of the other fidelity, say.
-
-    Every signal that both have is taken over by its path. What only the other has (the ripple of its modulators) it
-    finds by itself within some carrier periods.
-
-    Parameters
-    ----------
-    plan : Plan
-    work : Workspace
-        The state to carry over; left as it is.
-    to : Plan
-        At the same step, so that its delay lines are as long.
-    """
-    plan.refuse_parts()
-    made = new_workspace(to)
-    places = [(to.layout.index[path], k) for path, k in plan.layout.index.items() if path in to.layout.index]
-    made.sig[[a for a, _ in places]] = work.sig[[b for _, b in places]]
-    for part, own in zip(to.pieces, made.pieces, strict=True):
-        for path, (first, length) in part.delay_lines.items():
-            was = plan.delay_lines[path][0]
-            own.step.delays[first : first + length] = work.step.delays[was : was + length]
-    settle_outputs(to, made)
-    if to.network.fidelity == plan.network.fidelity:  # where its samplers are, and what they remember, goes with it
-        _carry_clocks(plan, work, to, made)
-        for part, own in zip(to.pieces, made.pieces, strict=True):
-            foreign = part.network.foreign if isinstance(part.network, Part) else ()
-            read = places + [(part.layout.index[path], plan.layout.index[path]) for path in foreign]
-            for now, then in ((own.step.previous, work.step.previous), (own.step.lead, work.step.lead)):
-                now[[a for a, _ in read]] = then[[b for _, b in read]]
-    return fresh(to, made)
-
-
-def _carry_clocks(plan: Plan, work: Workspace, to: Plan, made: Workspace) -> None:
-    """Let each clock of a plan stand where the same clock of another stands."""
-    was = list(zip(plan.step.clock_inc.tolist(), plan.step.clock_den.tolist(), strict=True))
-    for part, own in zip(to.pieces, made.pieces, strict=True):
-        for k, clock in enumerate(zip(part.step.clock_inc.tolist(), part.step.clock_den.tolist(), strict=True)):
-            own.step.clock_phase[k] = work.step.clock_phase[was.index(clock)]
-            own.step.clock_ahead[k] = work.step.clock_ahead[was.index(clock)]
-
-
-def fresh(plan: Plan, work: Workspace) -> Workspace:
-    """The same state with the clock at zero and empty logs."""
-    work.n = 0
-    for of, piece in zip((*plan.parts, plan), (*work.parts, work), strict=True):
-        piece.step.booked[:] = of.step.audit_every == 1
-        step = piece.step
-        piece.forget_notes()
-        step.rows[:] = 0
-        step.interval[:] = np.inf, -np.inf, 0.0
-        step.energy[:] = 0.0
-        step.exchanged[:] = 0.0
-        step.limiter_time[:] = 0.0
-        step.limiter_was[:] = 0.0
-        step.event_count[0] = 0
-    work.step.watched_was[:] = work.sig[plan.step.watched]
+        work.sig[plan.layout.place(f"command:{path}", "operating point")] = value
+    if not isinstance(start, Workspace):
+        settle_outputs(plan, work)
     return work
+
+
+def _first_guess(equations: Equations, work: Workspace) -> tuple[np.ndarray, np.ndarray]:
+    """Signals in frames whose d axes lie on a bus voltage of each island, and the frequencies.
+
+    The angle of a sampled controller is that of its next instant: it is brought to where it is now.
+    """
+    start, n = work.sig, len(work.sig)
+    sig = np.zeros(equations.size)
+    sig[:n] = start[equations.alias[:n]]
+    omega = np.zeros(len(equations.islands))
+    for island in equations.islands:
+        angle = 0.0
+        if island.buses:
+            a, b = island.pairs[0]
+            angle = float(np.arctan2(sig[b], sig[a]))
+        elif island.angles:
+            angle = float(sig[island.angles[0]])
+        for a, b in island.pairs:
+            sig[a], sig[b] = _rotated(sig[a], sig[b], -angle)
+        sig[island.angles] -= angle
+    point = Point(equations, sig)
+    rate = point.turned(omega)
+    ahead = _time_to_next(equations.plan, work)
+    for i, island in enumerate(equations.islands):
+        angles = [place for place in island.angles if point.active[place]]
+        if angles:  # a machine's is exact; of the sampled ones that of the longest period is smoothest
+            best = max(angles, key=lambda place: np.inf if point.period[place] == 0.0 else point.period[place])
+            omega[i] = rate[best]
+        for kernels in equations.kernels:
+            for place in kernels.x[np.isin(kernels.x, angles)]:
+                if kernels.sampled:
+                    sig[place] -= omega[i] * ahead[kernels.clock]
+    for _ in range(SWEEPS):
+        _settle_dead_times(equations, sig, omega)
+        _follow(equations, sig)
+    return sig, omega
+
+
+def _follow(equations: Equations, sig: np.ndarray) -> None:
+    """Bring outputs and what else follows from states and node voltages nearer, in place."""
+    point = Point(equations, sig)
+    follows = point.active & ~point.rates
+    follows[list(equations.nodes)] = False
+    sig[follows] += point.residual[follows]
+
+
+def _settle_dead_times(equations: Equations, sig: np.ndarray, omega: np.ndarray) -> None:
+    """Fill the dead times with what goes in, steadily turning backwards in the frame where it is a vector."""
+    speed = {a: (b, w) for island, w in zip(equations.islands, omega, strict=True) for a, b in island.pairs}
+    by_target = {d.target: d for d in equations.dead_times}
+    second = {b for b, _ in speed.values()}
+    for d in equations.dead_times:
+        source = complex(sig[equations.alias[d.source]])
+        other, w = by_target.get(speed.get(d.target, (-1, 0.0))[0]), speed.get(d.target, (-1, 0.0))[1]
+        if d.target in second:
+            continue
+        if other is not None:
+            source += 1j * sig[equations.alias[other.source]]
+        inside = np.linalg.solve(1j * w * np.eye(len(d.b)) - d.A, d.b * source)
+        out = d.c @ inside + d.d * source
+        sig[np.array(d.states)], sig[d.target] = inside.real, out.real
+        if other is not None:
+            sig[np.array(other.states)], sig[other.target] = inside.imag, out.imag
+
+
+def _rotated(a: float, b: float, angle: float) -> tuple[float, float]:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * a - sin * b, sin * a + cos * b
+
+
+def _time_to_next(plan: Plan, work: Workspace) -> np.ndarray:
+    """Time [s] until the next instant of each clock."""
+    left = (plan.step.clock_den - work.step.clock_phase) / plan.step.clock_inc
+    return plan.h * np.mod(left, plan.step.clock_den / plan.step.clock_inc)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shipgrid.analysis.steady_state import carried_over
+from shipgrid.analysis.settling import carried_over
 from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.workspace import Workspace

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shipgrid.analysis.equilibrium import OperatingPoint
+from shipgrid.analysis.steady_state import OperatingPoint
 from shipgrid.assembly.assemble import assemble as assemble_plan
 from shipgrid.assembly.energy import energy_balance, powers, stored_energy
 from shipgrid.assembly.hand_over import (

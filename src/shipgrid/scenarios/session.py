@@ -40,7 +40,7 @@ from shipgrid.scenarios.timeline import Timeline
 from shipgrid.scenarios.waveforms import WaveRecorder, Window
 
 if TYPE_CHECKING:
-    from shipgrid.analysis.equilibrium import OperatingPoint
+    from shipgrid.analysis.steady_state import OperatingPoint
 
 WALL_PER_CHUNK = 0.25
 """Wall-clock time [s] between two looks at the interrupt, the progress bar and the recorder's buffers."""

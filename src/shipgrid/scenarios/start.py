@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from shipgrid.analysis.steady_state import carried_over, operating_point
+from shipgrid.analysis.settling import carried_over, run_to_rest
 from shipgrid.assembly.hand_over import fill_delay_lines, places_to_start, set_time, settle, taken_over
 from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_outputs
@@ -16,7 +16,7 @@ from shipgrid.names import nearest
 from shipgrid.scenarios.case import build
 
 if TYPE_CHECKING:
-    from shipgrid.analysis.equilibrium import OperatingPoint
+    from shipgrid.analysis.steady_state import OperatingPoint
 
 
 def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
@@ -37,9 +37,9 @@ def start(plan: Plan, ship: Any, scenario: Any) -> tuple[Workspace, float]:
     commands = scenario.start_commands(ship)
     if scenario.start_state == "moored":
         if plan.network.fidelity == "averaged" and not plan.parts:
-            return operating_point(plan, commands)
+            return run_to_rest(plan, commands)
         mean = build(ship, plan.h, rules=scenario.rules)
-        work, drift = operating_point(mean, commands)
+        work, drift = run_to_rest(mean, commands)
         return carried_over(mean, work, plan), drift
     work = new_workspace(plan)
     for path, value in commands.items():

@@ -2,75 +2,15 @@
 
 from __future__ import annotations
 
-import types
-from collections.abc import Iterable, Sequence
-from functools import cache
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from shipgrid.assembly.layout import TypeLayout
 from shipgrid.assembly.plan import Plan
-from shipgrid.model.records import names_of, parameter_dtype
-
-
-@cache
-def plain_function(function: Any) -> Any:
-    """A kernel as a plain Python function that calls plain Python functions.
-
-    Parameters
-    ----------
-    function : kernel
-    """
-    plain = getattr(function, "py_func", function)
-    around = dict(plain.__globals__)
-    for name in plain.__code__.co_names:
-        if hasattr(around.get(name), "py_func"):
-            around[name] = plain_function(around[name])
-    return types.FunctionType(plain.__code__, around, plain.__name__, plain.__defaults__, plain.__closure__)
-
-
-class Record:
-    """Named numbers on plain Python objects, the blocks nested, in the order of the flat vector.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Blocks before their fields, with points between them.
-    """
-
-    def __init__(self, names: Sequence[str]):
-        self.top = types.SimpleNamespace()
-        self.flat = not any("." in name for name in names)
-        self.names = list(names)
-        self.slots = []
-        for name in names:
-            *blocks, last = name.split(".")
-            owner = self.top
-            for block in blocks:
-                if not hasattr(owner, block):
-                    setattr(owner, block, types.SimpleNamespace())
-                owner = getattr(owner, block)
-            self.slots.append((owner.__dict__, last))
-            setattr(owner, last, np.float64(0.0))
-
-    def write(self, values: Iterable[Any]) -> None:
-        """Put numbers in.
-
-        Parameters
-        ----------
-        values : iterable of number
-            In the order of the names.
-        """
-        if self.flat:
-            self.top.__dict__.update(zip(self.names, values, strict=True))
-        else:
-            for (owner, name), value in zip(self.slots, values, strict=True):
-                owner[name] = value
-
-    def read(self) -> list[Any]:
-        """The numbers, in the order of the names."""
-        return [owner[name] for owner, name in self.slots]
+from shipgrid.model.kernel import uncompiled
+from shipgrid.model.records import PlainRecord, names_of, parameter_dtype
 
 
 class Instance:
@@ -96,14 +36,14 @@ class Instance:
         self.ys = slice(t.y + k * t.ny, t.y + (k + 1) * t.ny)
         self.clock = int(plan.clock_of[kind.key][k])
         records = {"x": kind.state, "u": kind.input, "y": kind.output, "dx": kind.state, "x_next": kind.state}
-        self.records = {key: Record(names_of(record)) for key, record in records.items()}
-        p = Record(parameter_dtype(kind.cls).names or ())
+        self.records = {key: PlainRecord(names_of(record), np.float64(0.0)) for key, record in records.items()}
+        p = PlainRecord(parameter_dtype(kind.cls).names or (), np.float64(0.0))
         p.write(t.parameters[k * len(p.names) : (k + 1) * len(p.names)])
         self.values: dict[str, Any] = {key: record.top for key, record in self.records.items()}
         self.values |= {"p": p.top, "tables": plan.step.tables, "delays": delays, "t": 0.0}
         self.kernels = {}
         for name, kernel in kind.kernels.items():
-            function = plain_function(kernel)
+            function = uncompiled(kernel)
             self.kernels[name] = (function, function.__code__.co_varnames[: function.__code__.co_argcount])
         if not kind.linear:
             gather = plan.gathers[kind.key]

@@ -14,12 +14,11 @@ import numpy as np
 
 from shipgrid.assembly.layout import ONE, Layout
 from shipgrid.assembly.plan import Plan
-from shipgrid.model.records import names_of
+from shipgrid.model.records import COMPLEX_STEP, names_of
 from shipgrid.solvers.companion import StateSpace, state_space
 from shipgrid.solvers.reference_components import Instance, state_places
 from shipgrid.solvers.reference_diodes import Diodes
 
-COMPLEX_STEP = 1e-40
 SINGULAR = 1e-10
 """Singular values of (2) below this share of the largest conductance count as zero."""
 
