@@ -493,6 +493,7 @@ def circuit(seed: int) -> Network:
     net.add("resistor", dataclasses.replace(of("Resistor"), R=30.0), a=low)
     net.add("capacitor", of("Capacitor"), a=near, b=low)
     net.add("filter", of("RlcBranch"), a=far)
+    net.add("bank", of("Supercapacitor"), a=far)
     net.add("coupled", of("CoupledInductors"), ports={"first": Across(dc, far), "second": Across(near, low)})
     net.add("grid", of("ThreePhaseSource"), a=ac)
     net.add("switch", of("ThreePoleBreaker"), a=ac, b=tied)

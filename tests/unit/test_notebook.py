@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 import shipgrid as sg
-from shipgrid.scenarios.notebook import MOST_ROWS, ledgers, table
+from shipgrid.html_table import MOST_ROWS, table
+from shipgrid.scenarios.notebook import ledgers
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +43,23 @@ def test_public_objects_are_one_short_line(run):
     for thing in (ship, sg.load_scenario("mission"), sg.Case(), run):
         shown = repr(thing)
         assert len(shown) < 120 and "\n" not in shown and shown.startswith("<")
+
+
+@pytest.fixture(scope="module")
+def point():
+    return sg.steady_state(sg.load_ship("ferry"), {"bess_for.mode": 2.0})
+
+
+def test_an_operating_point_of_a_ship_is_a_table(point):
+    assert point["bess_for.mode"] == 2.0 and point["bess_aft.mode"] == 1.0
+    assert point["dc_for.v_dc"] == pytest.approx(750.0, abs=0.1)  # one battery forms it
+    shown = point._repr_html_()
+    assert "bess_for.i_b" in shown and "and" in shown
+    assert "dc_for.v_dc" in point._ipython_key_completions_()
+
+
+def test_objects_of_analyses_are_one_short_line(point):
+    model = sg.linearise(point.plan, point)
+    things = (point, point.plan, point.workspace(), point.plan.network, model, model.modes())
+    for thing in things:
+        assert len(repr(thing)) < 160 and "\n" not in repr(thing) and repr(thing).startswith("<")

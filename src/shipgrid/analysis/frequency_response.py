@@ -29,7 +29,7 @@ from shipgrid.errors import ParameterError
 from shipgrid.model.connections import DcBus
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FrequencyResponse:
     """A response over frequency.
 
@@ -45,6 +45,9 @@ class FrequencyResponse:
     frequency: np.ndarray
     value: np.ndarray
     name: str
+
+    def __repr__(self) -> str:
+        return f"<FrequencyResponse {self.name}: {len(self.frequency)} frequencies>"
 
     def at(self, frequency: float) -> Any:
         """Value at the frequency [Hz] nearest to one.

@@ -39,7 +39,7 @@ from shipgrid.assembly.workspace import Workspace
 from shipgrid.errors import ParameterError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LinearModel:
     """A plant beside an operating point, sampled control as continuous; made by `linearise`.
 
@@ -53,6 +53,9 @@ class LinearModel:
     plan: Plan
     point: OperatingPoint
     pencil: Pencil
+
+    def __repr__(self) -> str:
+        return f"<LinearModel of {self.plan.network.name}: {len(self.pencil.places)} unknowns>"
 
     def modes(self) -> Modes:
         """Eigenvalues with the states that take part in each."""

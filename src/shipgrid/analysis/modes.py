@@ -80,7 +80,7 @@ class Mode:
         return f"{self.eigenvalue.real:11.3f} 1/s {oscillation}  {shares}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Modes:
     """Modes of a plant beside an operating point: a sequence, the rightmost first.
 
@@ -90,6 +90,9 @@ class Modes:
     """
 
     modes: tuple[Mode, ...]
+
+    def __repr__(self) -> str:
+        return f"<Modes: {len(self.modes)}, the rightmost {self.modes[0]}>" if self.modes else "<Modes: none>"
 
     def __iter__(self) -> Iterator[Mode]:
         return iter(self.modes)

@@ -21,12 +21,16 @@ from shipgrid.analysis.equations import Equations
 from shipgrid.analysis.newton_search import NewtonSearch, largest_coefficients
 from shipgrid.analysis.point import Point
 from shipgrid.analysis.settling import run_to_rest
+from shipgrid.assembly.assemble import assemble
 from shipgrid.assembly.hand_over import taken_over
 from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.start import settle_modulators, settle_outputs
 from shipgrid.assembly.workspace import Workspace, new_workspace
+from shipgrid.equipment.ship import Ship
 from shipgrid.errors import SteadyStateError
+from shipgrid.html_table import table
 from shipgrid.model.connections import DcBus
+from shipgrid.model.network import Network
 
 ORDER, ORDER_LINE = 3, 4
 """Orders of the Pade quotients for the dead time of a modulation, and for that of a delay line."""
@@ -36,7 +40,7 @@ SWEEPS = 4
 """Times that all outputs are evaluated before the search, each from those before."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OperatingPoint:
     """A plant at rest.
 
@@ -57,6 +61,18 @@ class OperatingPoint:
     sig: np.ndarray
     omega: np.ndarray
     error: float
+
+    def __repr__(self) -> str:
+        return f"<OperatingPoint of {self.plan.network.name}: {self.plan.layout.size} signals>"
+
+    def _repr_html_(self) -> str:
+        network, layout = self.plan.network, self.plan.layout
+        public = [(name, self[name], signal.unit, signal.description) for name, signal in network.published.items()]
+        inner = [(path, self[path], layout.unit[path], layout.description[path]) for path in sorted(layout.unit)]
+        return table(repr(self)[1:-1], ("signal", "value", "unit", ""), public or inner)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return sorted({*self.plan.network.published, *self.plan.layout.unit})
 
     @property
     def frequency(self) -> dict[str, float]:
@@ -116,7 +132,7 @@ def input_place(plan: Plan, path: str) -> int:
 
 
 def steady_state(
-    plan: Plan,
+    plan: Plan | Ship,
     commands: Mapping[str, float] | None = None,
     *,
     hold: Mapping[str, float] | None = None,
@@ -127,7 +143,8 @@ def steady_state(
 
     Parameters
     ----------
-    plan : Plan
+    plan : Plan or Ship
+        Of a ship that of its averaged plan: alongside, as a scenario begins, but for the commands that are given.
     commands : mapping of str to float, optional
         Commands, by path, that stand.
     hold : mapping of str to float, optional
@@ -148,6 +165,9 @@ def steady_state(
         If there is none, or the search does not find it: names the worst equations and the limiters that act.
     """
     hold, free, commands = dict(hold or {}), list(free), dict(commands or {})
+    if isinstance(plan, Ship):
+        moored = {path: c.default if c.moored is None else c.moored for path, c in plan.commands.items()}
+        plan, commands = _averaged(plan), moored | commands
     if len(hold) != len(free):
         raise SteadyStateError(f"{len(hold)} signals are held and {len(free)} set free: expected as many")
     work = _start(plan, commands, start)
@@ -172,6 +192,12 @@ def steady_state(
     point = OperatingPoint(plan, equations, *found)
     _settle_modulators(point)
     return point
+
+
+def _averaged(ship: Ship) -> Plan:
+    network = Network(ship.name)
+    ship.build(network)
+    return assemble(network)
 
 
 def _settle_modulators(point: OperatingPoint) -> None:

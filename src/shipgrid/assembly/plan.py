@@ -57,7 +57,7 @@ class StepPlan(NamedTuple):
     drop_ledger: np.ndarray  # (switched elements,) where in `energy` it is booked
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """A plant ready to run at one step length.
 
@@ -107,6 +107,9 @@ class Plan:
     schedule: Schedule
     parts: tuple[Plan, ...] = ()
     partition: Partition | None = None
+
+    def __repr__(self) -> str:
+        return f"<Plan of {self.network.name}: {1e6 * self.h:g} us, {self.layout.size} signals>"
 
     @property
     def pieces(self) -> tuple[Plan, ...]:

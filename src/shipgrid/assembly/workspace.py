@@ -52,7 +52,7 @@ class StepWork(NamedTuple):
     event_count: np.ndarray
 
 
-@dataclass
+@dataclass(repr=False)
 class Workspace:
     """One run of a plan: the flat vector and everything else that moves.
 
@@ -66,6 +66,9 @@ class Workspace:
     step: StepWork
     pace: PaceWork
     parts: tuple[Workspace, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Workspace of {self.plan.network.name} at {self.n * self.plan.h:g} s>"
 
     @property
     def pieces(self) -> tuple[Workspace, ...]:

@@ -37,7 +37,7 @@ FIDELITIES = ("averaged", "switching")
 """Mean values of the converters, or every edge."""
 
 
-@dataclass
+@dataclass(repr=False)
 class Network:
     """Buses, components, commands and public signals of a plant.
 
@@ -65,6 +65,9 @@ class Network:
     def __post_init__(self) -> None:
         if self.fidelity not in FIDELITIES:
             raise ParameterError(f"there is no fidelity '{self.fidelity}', expected one of {', '.join(FIDELITIES)}")
+
+    def __repr__(self) -> str:
+        return f"<Network {self.name}: {len(self.placed)} components on {len(self.buses)} buses>"
 
     def dc_bus(self, name: str, v_n: float) -> DcBus:
         """Add a DC bus.

@@ -33,6 +33,7 @@ from shipgrid.assembly.plan import Plan
 from shipgrid.assembly.workspace import Workspace
 from shipgrid.equipment.ship import Ship
 from shipgrid.errors import InputErrors, ParameterError, SolverError, TopologyError
+from shipgrid.html_table import table
 from shipgrid.model.frames import alpha_beta_to_abc
 from shipgrid.model.kernel import uncompiled
 from shipgrid.model.network import FIDELITIES, Network
@@ -41,7 +42,7 @@ from shipgrid.scenarios import snapshot
 from shipgrid.scenarios.case import DEFAULT_STEP, build
 from shipgrid.scenarios.conclude import limiter_meaning, limiter_rows
 from shipgrid.scenarios.events import At, seconds, timeline, with_times_asked_for
-from shipgrid.scenarios.notebook import ledgers, table
+from shipgrid.scenarios.notebook import ledgers
 from shipgrid.scenarios.provenance import provenance
 from shipgrid.scenarios.results import Event, Limiter, bibliography
 from shipgrid.scenarios.session import Run, run_until
