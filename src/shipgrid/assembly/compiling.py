@@ -1,8 +1,4 @@
-"""Compiles several objects at a time, in processes of their own, and says how far it is.
-
-`python -m shipgrid.assembly.compiling` is such a process: it reads what to compile from its standard input, a line
-each, and answers each with a line when it is in the store.
-"""
+"""Compiles several objects at a time, in processes of their own (`compile_worker.py`), and says how far it is."""
 
 from __future__ import annotations
 
@@ -35,7 +31,7 @@ def compile_in_parallel(jobs: Sequence[str]) -> None:
     def work() -> None:
         surroundings = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
         with subprocess.Popen(
-            [sys.executable, "-m", "shipgrid.assembly.compiling"],
+            [sys.executable, "-m", "shipgrid.assembly.compile_worker"],
             env=surroundings,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -98,22 +94,3 @@ class _Progress:
         if sys.stderr is not None:
             sys.stderr.write(text + end)
             sys.stderr.flush()
-
-
-def main() -> None:
-    """Do jobs until there are no more."""
-    from shipgrid.assembly.code_store import do_job
-
-    for line in sys.stdin:
-        job = line.strip()
-        try:
-            do_job(job)
-            answer = "done"
-        except Exception as wrong:  # who asked compiles it itself, and meets it again
-            answer = f"failed: {type(wrong).__name__}"
-        sys.stdout.write(f"{answer}\n")
-        sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()
