@@ -121,7 +121,7 @@ def readme_examples() -> list[str]:
 
 
 def test_the_circuit_example_of_the_readme_runs():
-    _, code = readme_examples()
+    _, _, code = readme_examples()
     names = {"sg": shipgrid}
     exec(compile(code, "README.md", "exec"), names)
     # closed at 1 ms on a capacitor behind 0.5 ohm and 1 mH: up to 100 V (1 + exp(-pi alpha/omega)) at half a period
@@ -134,7 +134,7 @@ def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     """As it stands there, but for the length of the run: two seconds of the hour."""
     matplotlib = pytest.importorskip("matplotlib")
     matplotlib.use("Agg")
-    code, _ = readme_examples()
+    code, _, _ = readme_examples()
     whole = shipgrid.simulate
     monkeypatch.setattr(shipgrid, "simulate", lambda *args, **options: whole(*args, **options, until=2.0))
     monkeypatch.chdir(tmp_path)
@@ -147,6 +147,28 @@ def test_the_python_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     assert open_results("results/more-battery").signals == run.signals  # the path that the text below it names
     said = capsys.readouterr().out
     assert "DC bus fore" in said and "@article" in said
+
+
+def test_the_session_of_the_readme_runs():
+    _, code, _ = readme_examples()
+    names = {"sg": shipgrid}
+    exec(compile(code, "README.md", "exec"), names)
+    session = names["session"]
+    assert session.time == pytest.approx(15.0, abs=1e-4)
+    assert 700.0 < session.read("dc_for.v_dc") < 790.0 and session.read("propulsion_for.omega_m") > 0.1
+
+
+def python_of(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "how-to" / page).read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("page", ["sessions.md", "add_a_device.md"])
+def test_the_examples_of_a_page_run(page, capsys):
+    names = {"sg": shipgrid}
+    for code in python_of(page):
+        exec(compile(code, page, "exec"), names)
+    if page == "add_a_device.md":
+        assert float(names["run"]["dc.v_dc"][-1]) == pytest.approx(98.26, abs=0.01)  # as the page says
 
 
 def test_no_page_has_a_figure_left_open():
