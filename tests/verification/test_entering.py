@@ -86,7 +86,7 @@ def test_every_array_is_found_where_this_workspace_and_this_copy_have_it(plan, r
     arrays, found = addresses(copy, work)
     own = {name: array for name, array in arrays.items() if name not in scratch_names(plan)}
     assert len(own) > 400
-    ends = (".weight", ".place_in_books", "calls", "call_start")  # made anew by each call of `named_arrays`
+    ends = (".weight", ".place_in_books", "calls", "call_due", "call_start")  # made anew by each call of `named_arrays`
     made_anew = {name for name in own if name.endswith(ends)}
     for name in found.keys() & own.keys() - made_anew:
         assert found[name] == (own[name].ctypes.data, own[name].shape), name
@@ -112,7 +112,7 @@ def test_two_runs_of_a_plan_share_nothing_that_a_step_writes(plan):
     kinds = [t.kind.key for t in plan.layout.types]
     own = ("clock", "weight", "p", "tables", "clock_inc", "clock_den", "clock_period", "place_in_books")
     constant |= {f"{key}.{name}" for key in kinds for name in (*plan.gathers.get(key, {}), *own)}
-    constant |= {"calls", "call_start"}
+    constant |= {"calls", "call_due", "call_start"}
     for name in one.keys() - constant:
         assert one[name] != other[name], name
 

@@ -34,10 +34,11 @@ VIEWS
 def walk(table, number, t, h, gh):
     """Call the units of one list, where they are due."""
     calls = calls_view(table, CALLS)
+    call_due = call_due_view(table, CALL_DUE)
     call_start = call_start_view(table, CALL_START)
     due = due_view(table, DUE)
     for k in range(call_start[number], call_start[number + 1]):
-        if due[calls[k, 3]] != 0:
+        if due[call_due[k]] != 0:
             call_unit(calls[k, 0], calls[k, 1], table + 8 * calls[k, 2], t, h, gh)
 
 
@@ -187,7 +188,9 @@ def core_arrays(plan: Plan, work: Workspace) -> dict[str, np.ndarray]:
     constant = {"sources": plan.gathers["network"]["latest"], **plan.net._asdict()}
     found = moving | {name: without_sign(a) for name, a in constant.items() if isinstance(a, np.ndarray)}
     size = sum(len(calls) for calls in plan.schedule.walks.values())
-    return found | {"calls": np.zeros((size, 4), dtype=np.int64), "call_start": np.zeros(len(WALKS) + 1, np.int64)}
+    of_calls = {"calls": (size, 3), "call_due": size, "call_start": len(WALKS) + 1}
+    made = {name: np.zeros(shape, dtype=np.int64) for name, shape in of_calls.items()}
+    return found | made | {name: without_sign(made[name]) for name in ("call_due", "call_start")}
 
 
 def moving_arrays(plan: Plan, work: Workspace) -> dict[str, np.ndarray]:
@@ -238,7 +241,7 @@ def core_text() -> str:
     text = re.sub(r"^( *)ROW\((.*)\)$", row_of, text, flags=re.MULTILINE)
     text = re.sub(r"WALK_(\w+)", lambda m: str(WALKS.index(m[1])), text)
     text = text.replace("NUMBERS", ", ".join(numbers))
-    for name in ("calls", "call_start", "due", "moved", "booked"):
+    for name in ("calls", "call_due", "call_start", "due", "moved", "booked"):
         view(name)
         text = re.sub(rf"\b{name.upper()}\b", str(places[name]), text)
     views |= {"addresses_view": "array_view('<i8', 1)", "crew_view": "array_view('<i8', 1)"}

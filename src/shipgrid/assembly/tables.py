@@ -140,7 +140,8 @@ def named_arrays(plan: Plan, work: Workspace, scratch: np.ndarray) -> dict[str, 
             if call.type in begins
         ]
     found["call_start"][-1] = len(calls)
-    found["calls"][: len(calls)] = np.array(calls, dtype=np.int64).reshape(-1, 4)
+    made = np.array(calls, dtype=np.int64).reshape(-1, 4)
+    found["calls"][: len(calls)], found["call_due"][: len(calls)] = made[:, :3], made[:, 3]
     return found
 
 
