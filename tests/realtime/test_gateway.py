@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import random
 import socket
 import struct
@@ -12,11 +13,16 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusIOException
 
+import shipgrid as sg
 from realtime.test_desk import Hand, ferry  # noqa: F401
+from shipgrid.assembly.workspace import new_workspace
 from shipgrid.realtime import modbus, registers, udp
 from shipgrid.realtime.desk import MODBUS, NO_TOKEN, OBEYED, OUT_OF_RANGE, REFUSED, UNKNOWN
+from shipgrid.realtime.gateway import arguments_of_plan
 from shipgrid.realtime.modbus import ModbusServer
 from shipgrid.realtime.udp import ANSWER, COMMAND, COMMANDS, HEAD, MEASUREMENTS, UdpServer, packet
+from shipgrid.scenarios.case import build
+from shipgrid.scenarios.session import Run
 
 TOKEN = 0x0123_4567_89AB_CDEF
 HOST = "127.0.0.1"
@@ -294,3 +300,14 @@ def test_one_who_reads_no_answers_is_shut_out(field, monkeypatch):
 def test_nothing_listens_where_it_was_not_asked_to(field, bus):
     for address in (field.server.address, bus.server.address):
         assert address[0] == HOST
+
+
+@pytest.mark.parametrize("parts", [None, "ship"])
+def test_the_process_of_the_gateway_has_the_plan_of_the_run(parts):
+    """Of a plant in parts the flat vector is another one."""
+    case = sg.Case("ferry", "mission", fidelity="switching", parts=parts)
+    plan = case.plan()
+    run = Run(plan, new_workspace(plan), ship=case.ship, rules=case.scenario.rules)
+    there = build(**pickle.loads(pickle.dumps(arguments_of_plan(run))))
+    assert there.layout.index == plan.layout.index
+    assert there.layout.size == plan.layout.size

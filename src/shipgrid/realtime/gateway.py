@@ -96,14 +96,7 @@ class Gateway:
             If it cannot listen there.
         """
         plan = run.plan
-        told = {
-            "memory": str(shared.path),
-            "ship": run.ship,
-            "rules": run.rules,
-            "step": plan.h,
-            "fidelity": plan.network.fidelity,
-            "parts": dict(plan.partition.buses) if plan.partition else None,
-        }
+        told: dict[str, Any] = {"memory": str(shared.path), "plan": arguments_of_plan(run)}
         told |= {
             "udp": self.udp,
             "modbus": self.modbus,
@@ -151,11 +144,24 @@ class Gateway:
         return end
 
 
+def arguments_of_plan(run: Run) -> dict[str, Any]:
+    """What another process calls `build` with, to have the plan of a run.
+
+    Parameters
+    ----------
+    run : Run
+    """
+    plan = run.plan
+    parts = dict(plan.partition.buses) if plan.partition else None
+    options = {"step": plan.h, "fidelity": plan.network.fidelity, "rules": run.rules, "parts": parts}
+    return {"ship": run.ship, **options}
+
+
 def main() -> None:
     """Read what to serve from the standard input, serve until that ends, and say what was counted."""
     told = pickle.load(sys.stdin.buffer)
-    plan = build(told["ship"], told["step"], told["fidelity"], told["rules"], told["parts"])
-    desk = Desk(told["ship"], plan, SharedArrays(Path(told["memory"])), told["lost"], told["timeout"])
+    plan = build(**told["plan"])
+    desk = Desk(told["plan"]["ship"], plan, SharedArrays(Path(told["memory"])), told["lost"], told["timeout"])
     sys.setswitchinterval(SWITCH)
     udp = modbus = None
     try:
