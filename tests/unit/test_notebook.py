@@ -21,7 +21,7 @@ def run():
 
 def test_a_ship_is_its_one_line_diagram():
     shown = sg.load_ship("ferry")._repr_html_()
-    assert shown.count("<svg") == 1 and "propulsion_for" in shown and "var(--" not in shown.split("</style>")[0][:50]
+    assert shown.count("<svg") == 1 and "propulsion_for" in shown
     assert "--ink: currentColor" in shown  # on a dark page too
 
 

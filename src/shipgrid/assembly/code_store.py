@@ -23,7 +23,7 @@ from numba import config
 from numba.core.dispatcher import Dispatcher
 
 from shipgrid.assembly import object_code
-from shipgrid.assembly.compiling import compile_in_parallel
+from shipgrid.assembly.compiling import Progress, compile_in_parallel
 from shipgrid.assembly.core_text import core_text
 from shipgrid.assembly.fingerprint import fingerprint, versions
 from shipgrid.assembly.unit_text import unit_text
@@ -207,9 +207,14 @@ def _objects(sources: Sequence[Source]) -> dict[str, bytes]:
     if len(ours) > FEW or any(source.kind is None for source in ours):
         compile_in_parallel([job_of(source.kind) for source in ours])
         found |= {source.name: source.stored() for source in ours}
-    for source in (source for source in missing if found[source.name] is None):
-        content = found[source.name] = source.compiled()
-        source.store(content)
+    left = [source for source in missing if found[source.name] is None]
+    if left:
+        progress = Progress(len(left))
+        for source in left:
+            content = found[source.name] = source.compiled()
+            source.store(content)
+            progress.advance()
+        progress.end()
     return {name: content for name, content in found.items() if content is not None}
 
 

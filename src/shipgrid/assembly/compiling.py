@@ -25,7 +25,7 @@ def compile_in_parallel(jobs: Sequence[str]) -> None:
     """
     waiting = sorted(jobs, key=lambda job: job != "core")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    progress = _Progress(len(waiting))
+    progress = Progress(len(waiting))
     lock = threading.Lock()
 
     def work() -> None:
@@ -68,8 +68,14 @@ def compile_in_parallel(jobs: Sequence[str]) -> None:
         progress.end()
 
 
-class _Progress:
-    """A line on standard error, from the first second on."""
+class Progress:
+    """A line on standard error while objects are compiled.
+
+    Parameters
+    ----------
+    total : int
+        Number of objects.
+    """
 
     def __init__(self, total: int):
         self.total, self.done, self.began = total, 0, time.perf_counter()

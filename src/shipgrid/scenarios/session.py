@@ -222,6 +222,8 @@ class Session:
     Attributes
     ----------
     plan : Plan
+    given : list of Outside
+        Commands that it has been given and that took effect, each with the number of steps done before it.
 
     Raises
     ------
